@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 
 INTERFACES := interfaces/control_msgs interfaces/epson_msgs interfaces/industrial_msgs interfaces/tf2_msgs
 INTERFACE_FILES := $(shell find $(INTERFACES) interfaces/cmake -type f)
+RTMC := interfaces/epson_rtmc
+RTMC_FILES := $(shell find $(RTMC) -type f)
 PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml \
 	$(shell find $(wildcard epson_driver config controller_program launch resource scripts urdf) -type f -not -name '*.pyc')
 
@@ -32,7 +34,7 @@ unexport PYTHONDONTWRITEBYTECODE
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .PHONY: demo fleet browser docs test test-all test-rest soak-tests coverage lint bench bench-motion
-.PHONY: optimum soak-motion faults fuzz simulate pictures hashes clean help
+.PHONY: optimum soak-motion faults fuzz simulate pictures tables wheels hashes clean help
 
 help:
 	@echo "make demo          execute a planned trajectory through ROS 2 on a simulated EPSON controller, and report"
@@ -45,7 +47,7 @@ help:
 	@echo "make coverage      report which statements the tests run (with the slow tests: ARGS=all)"
 	@echo "make lint          run ruff, mypy, codespell, import-linter and test/plain_english.py"
 	@echo "make docs          build the documentation as a site that needs no network (build/site/index.html)"
-	@echo "make bench         measure the driver's state path beside a bare program (docs/reliability.md; ARGS=--quick: less)"
+	@echo "make bench         measure the driver's state path, moves and I/O (docs/reliability.md; ARGS=--quick: less)"
 	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help)"
 	@echo "make optimum       find the optima that bench-motion compares with anew, by CasADi and ipopt"
 	@echo "make soak-motion   an hour in which everything happens to goals (ARGS='--minutes 5': less)"
@@ -54,6 +56,8 @@ help:
 	@echo "make simulate      the whole system from new seeds, for ten minutes (ARGS='--seed 7': one; ARGS='--minutes 60')"
 	@echo "make soak-tests    run 2,000 random plans, and new examples for every property (hours)"
 	@echo "make pictures      take the screenshots of docs anew, in chromium (minutes)"
+	@echo "make tables        write the tables of docs that come from code and data anew"
+	@echo "make wheels        build the wheels of a release: the driver, its four message packages and epson_rtmc (dist/)"
 	@echo "make hashes        write requirements/constraints.txt anew, after a change of requirements or versions"
 	@echo "make clean         remove the environment and everything else that make has created"
 	@echo "PYTHON=...         the interpreter to use, 3.11 or newer (now: $(PYTHON))"
@@ -102,6 +106,7 @@ docs: $(VENV)/.driver $(VENV)/.docs
 # one thread per process: the matrices are small, and two processes share the machine
 bench: $(VENV)/.driver
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.state_path $(ARGS)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.moves
 
 bench-motion: $(VENV)/.driver
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)
@@ -124,6 +129,15 @@ simulate: $(VENV)/.driver $(VENV)/.dev
 pictures: $(VENV)/.driver $(VENV)/.dev $(VENV)/.browser
 	$(BIN)/python -m generate.screenshots $(ARGS)
 
+tables: $(VENV)/.driver
+	$(BIN)/python docs/make_tables.py
+
+wheels: $(VENV)/.interfaces
+	$(call install,interfaces/requirements-build.txt)
+	rm -rf dist build/lib build/bdist.*
+	$(PIP) wheel --no-build-isolation --no-deps --wheel-dir dist . $(INTERFACES:%=./%) ./$(RTMC) || $(FAILED)
+	$(PIP) uninstall --quiet --yes cmake ninja
+
 # for all Pythons and systems at once; versions that constraints.txt has are kept: delete a line to get a newer one
 hashes:
 	@command -v uv >/dev/null || { echo 'no uv: pipx install uv' >&2; exit 1; }
@@ -141,6 +155,8 @@ clean:
 # The sizes are those of Linux on x86-64.
 SIZE_runtime := 90 MB to download, 310 MB on disk
 SIZE_interfaces := 30 MB to download, 30 MB on disk
+SIZE_wheels := 30 MB to download, 30 MB on disk
+SIZE_rtmc := 30 MB to download, 1 MB on disk
 SIZE_dev := 160 MB to download, 620 MB on disk
 SIZE_panel := 1 MB to download, 1 MB on disk
 SIZE_browser := 45 MB to download, 125 MB on disk
@@ -177,14 +193,21 @@ $(VENV)/.runtime: requirements/runtime.txt requirements/constraints.txt | $(VENV
 	$(call install,requirements/runtime.txt)
 	@touch $@
 
-# CMake and ninja are needed for the messages alone
+# CMake and ninja are needed for the messages and epson_rtmc alone
 $(VENV)/.interfaces: $(VENV)/.runtime interfaces/requirements-build.txt $(INTERFACE_FILES)
 	$(call install,interfaces/requirements-build.txt)
 	@$(PIP) install --no-compile --no-build-isolation --no-deps --force-reinstall $(INTERFACES:%=./%) || $(FAILED)
 	@$(PIP) uninstall --quiet --yes cmake ninja
 	@touch $@
 
-$(VENV)/.driver: $(VENV)/.interfaces $(PACKAGE_FILES)
+# a step of its own, because the messages take minutes to build
+$(VENV)/.rtmc: $(VENV)/.interfaces $(RTMC_FILES)
+	$(call install,interfaces/requirements-build.txt)
+	@$(PIP) install --no-compile --no-build-isolation --no-deps --force-reinstall ./$(RTMC) || $(FAILED)
+	@$(PIP) uninstall --quiet --yes cmake ninja
+	@touch $@
+
+$(VENV)/.driver: $(VENV)/.interfaces $(VENV)/.rtmc $(PACKAGE_FILES)
 	@rm -rf build/lib build/bdist.*
 	@$(PIP) install --no-compile --no-build-isolation --no-deps . || $(FAILED)
 	@touch $@

@@ -60,8 +60,8 @@ def missing_packages():
     ]
 
 
-def tell_what_is_missing():
-    """Say what to do about missing message packages: without them the driver cannot start."""
+def report_missing_packages():
+    """Print advice on missing message packages, without which the driver cannot start."""
     missing = missing_packages()
     if not missing:
         return
@@ -80,7 +80,7 @@ def tell_what_is_missing():
 
 
 if BY_COLCON:
-    tell_what_is_missing()
+    report_missing_packages()
 
 setup(
     name=NAME,

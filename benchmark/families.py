@@ -18,7 +18,7 @@ from benchmark.exact_extrema import Recorded, exact_extrema
 from benchmark.family_members import WORK_SEEDS, FamilyMember, members
 from benchmark.limit_sets import ramp_time
 from benchmark.metrics import stops
-from benchmark.motion_record import Record
+from benchmark.waypoints import Record
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Mode
 from epson_driver.motion.smoother.planner import plan

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmark.motion_record import Mask, Record
 from benchmark.trajectories import BenchmarkTrajectory
-from benchmark.waypoints import may_be_merged, waypoint_passages
+from benchmark.waypoints import Mask, Record, may_be_merged, waypoint_passages
 from epson_driver.motion import Array, JointLimits
 
 MERGE_TOLERANCE_RAD = 5e-4

@@ -24,7 +24,6 @@ from benchmark.limit_sets import FACTORS, limit_set, ramp_time
 from benchmark.metrics import Metrics
 from benchmark.references import References, digest
 from benchmark.strategies import STRATEGIES
-from benchmark.stream import mean_jerk
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
 from epson_driver.report.smooth_study import Figures
 
@@ -135,14 +134,14 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the benchmark and return the exit code."""
     args = _arguments(arguments)
     part = args.only or args.limits or args.quick
-    families = args.family or ([] if part else list(FAMILIES))
-    with ProcessPoolExecutor(args.jobs) as pool:
+    families = [] if part else list(FAMILIES)
+    with ProcessPoolExecutor(2) as pool:
         cases = _cases(pool, _chosen(args), args)
-        runs = list(pool.map(run_family, families, repeat(range(*args.seeds))))
+        runs = list(pool.map(run_family, families, repeat(MEASURED_SEEDS)))
     for line in (*summary(cases), ''):
         print(line)
     missed = [text for case in cases for text in case.errors]
-    for line, met in (*judged(cases), *behind_a_stream()):
+    for line, met in judged(cases):
         print(line)
         missed += [] if met else [line]
     for figures in runs:
@@ -157,22 +156,7 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--only', metavar='NAME', default='', help='trajectories named like this')
     parser.add_argument('--limits', choices=FACTORS, help='only one set of limits')
     parser.add_argument('--quick', action='store_true', help='short ones, at full limits')
-    parser.add_argument(
-        '--family',
-        action='append',
-        choices=FAMILIES,
-        help='this family of hard trajectories (repeatable); a whole run has them all',
-    )
-    parser.add_argument(
-        '--seeds',
-        nargs=2,
-        type=int,
-        metavar=('FIRST', 'END'),
-        default=(MEASURED_SEEDS.start, MEASURED_SEEDS.stop),
-        help='of the families (default: %(default)s; 0 8 are those to work with)',
-    )
     parser.add_argument('--check', action='store_true', help='exit 1 if a value is missed')
-    parser.add_argument('--jobs', type=int, default=2, help='processes (default: %(default)s)')
     return parser.parse_args(arguments)
 
 
@@ -272,18 +256,6 @@ def judged(cases: list[Case]) -> Iterator[tuple[str, bool]]:
             ),
             met,
         )
-
-
-STREAM_BARS = {0.0: 0.05, 2e-4: 0.1}
-"""Noise of a stream, rad rms → bar of the arm's mean jerk as a fraction of its limit."""
-
-
-def behind_a_stream() -> Iterator[tuple[str, bool]]:
-    """Yield a line for the jerk of an arm that follows setpoints, and whether the bar is met."""
-    for noise, most in STREAM_BARS.items():
-        jerk = mean_jerk(noise)
-        what = f'mean jerk behind a stream with {1e3 * noise:g} mrad of noise'
-        yield f'{what:50} required {most:<8.4g} found {jerk:<9.4g}', jerk <= most
 
 
 def _family(figures: FamilyFigures) -> str:

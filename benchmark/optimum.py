@@ -21,11 +21,10 @@ from typing import Any
 import numpy as np
 
 from benchmark.limit_sets import FACTORS, limit_set
-from benchmark.motion_record import Index, Record
 from benchmark.references import FILE, digest
 from benchmark.strategies import ON_SPLINE, STRATEGIES, run
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
-from benchmark.waypoints import waypoint_passages
+from benchmark.waypoints import Index, Record, waypoint_passages
 from epson_driver.motion import Array, JointLimits
 
 MERGED_RAD = 5e-4

@@ -40,13 +40,14 @@ SAMPLE_S = 2.0
 PATIENCE_S = 30.0
 """Timeouts between driver and controller, s: an overloaded machine is not a finding."""
 
-PATIENT = f"""\
+PATIENT = """\
 name: patient
-description: An RC620 that waits for its driver
-like: simulated
-server: {{client_timeout: {PATIENCE_S}}}
+description: A controller that waits for its driver
+like: {controller}
+server: {{client_timeout: {patience}}}
 """
 
+PATIENT_PROGRAM = f'--define=CLIENT_TIMEOUT={PATIENCE_S}'
 MIN_SAMPLES = 8
 PAGE_BYTES = os.sysconf('SC_PAGE_SIZE')
 
@@ -169,8 +170,9 @@ class Episodes:
         return [(goal, ('succeeded',))]
 
     def slowed(self) -> list[Any]:
-        """Slow a goal down."""
-        goal = self._goal()
+        """Slow a goal down that stays faster than 1 %, the minimum of a SPEL+ program."""
+        far = -0.3 if self._user.joints()[0] > 0.0 else 0.3
+        goal = self._user.goal(self._chance.uniform(0.2, 1.0), far)
         self._user.speed(self._chance.uniform(0.3, 0.9))
         self._user.result(goal)
         self._user.speed(1.0)
@@ -253,17 +255,25 @@ def flat(samples: list[Sample], warm_up: float) -> tuple[dict[str, dict[str, flo
     return figures, problems
 
 
-def soak(minutes: float, seed: int, folder: Path, warm_up: float = WARM_UP_S) -> dict[str, Any]:
+def soak(
+    minutes: float,
+    seed: int,
+    folder: Path,
+    warm_up: float = WARM_UP_S,
+    controller_profile: str = 'simulated',
+) -> dict[str, Any]:
     """Play episodes for `minutes` and return the figures."""
     domain, tasks = processes.free_ros_domain(), folder / 'tasks'
-    # a third of a C3's state rate, because this is about duration, not load
     patient = folder / 'patient.yaml'
-    patient.write_text(PATIENT, 'utf-8')
+    profile = PATIENT.format(controller=controller_profile, patience=PATIENCE_S)
+    patient.write_text(profile, 'utf-8')
+    built_in = controller_profile == 'simulated'  # a SPEL+ program sets both itself
+    # a third of a C3's state rate, because this is about duration, not load
+    options = ['--motion=ptp', '--state-period=0.015'] if built_in else [PATIENT_PROGRAM]
     controller = processes.sim_controller(
         folder / 'controller.log',
         f'--controller={patient}',
-        '--motion=ptp',
-        '--state-period=0.015',
+        *options,
     )
     with processes.ended_at_exit(controller):
         ports = controller.ports()
@@ -277,6 +287,7 @@ def soak(minutes: float, seed: int, folder: Path, warm_up: float = WARM_UP_S) ->
             io_timeout=PATIENCE_S,
             reply_timeout=PATIENCE_S,
             start_tolerance=1.0,  # a replacing goal starts at the last received position
+            require_planned_speed=False,  # the speed of a SPEL+ program is at least 1 %
         )
         with processes.ended_at_exit(client):
             user = SoakUser(domain, ports.remote)
@@ -330,9 +341,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog='benchmark.soak_motion', description=__doc__)
     parser.add_argument('--minutes', type=float, default=60.0)
     parser.add_argument('--seed', type=int, default=20)
+    parser.add_argument('--controller', default='simulated', metavar='PROFILE')
     arguments = parser.parse_args()
     with TemporaryDirectory() as folder:
-        figures = soak(arguments.minutes, arguments.seed, Path(folder))
+        figures = soak(
+            arguments.minutes, arguments.seed, Path(folder), WARM_UP_S, arguments.controller
+        )
     for name, values in figures['flat'].items():
         warm, last, most = (values[when] for when in ('warm', 'last', 'most'))
         print(f'{name}: {warm} after the warm-up, {last} at the end, {most} at most')

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmark.limit_sets import ramp_time
-from benchmark.motion_record import Record
 from benchmark.trajectories import BenchmarkTrajectory
+from benchmark.waypoints import Record
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import Mode, Smoother

@@ -113,12 +113,18 @@ Fend
 
 ' An arm that stands waits for a few points, so that it does not come to rest at the first one.
 Function StartWait
+  Integer seen
 #ifdef FULL_POWER
   If Power = Low Then Power High
 #endif
+  seen = g_head
   TmReset START_TIMER
   Do While ((g_head - g_tail) And 255) < START_POINTS And g_epoch = g_seen And Tmr(START_TIMER) < START_WAIT And InPos <> 0
     Wait 0.01
+    If g_head <> seen Then
+      seen = g_head
+      TmReset START_TIMER
+    EndIf
   Loop
 Fend
 

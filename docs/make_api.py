@@ -32,9 +32,9 @@ CLASSES = (
     ('api/status.py', 'ControllerError'),
     ('driver/io/gripper_wiring.py', 'GripperWiring'),
     ('driver/io/gripper_wiring.py', 'GripperState'),
-    ('api/errors.py', 'RobotError'),
+    ('inputs/rules.py', 'RobotError'),
     ('api/errors.py', 'MotionError'),
-    ('api/errors.py', 'ArgumentError'),
+    ('inputs/rules.py', 'ArgumentError'),
     ('api/errors.py', 'PathError'),
 )
 """File and class, in the order of the page."""

@@ -3,12 +3,13 @@
 """Diagrams of the state machines, from their tables in the code."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from enum import Enum
 
 from epson_driver.driver.goal import goal_states
 from epson_driver.link import states as link
 from epson_driver.sim_controller.condition import states as controller
-from epson_driver.sim_controller.condition.tasks import PROGRAM, TASK_STATES
+from epson_driver.sim_controller.condition.tasks import PROGRAM
 
 Table = Mapping[tuple[Enum, Enum], Enum]
 
@@ -60,7 +61,7 @@ def condition() -> str:
     heads = ' | '.join(f'{task.name} ({_words(task.type)})' for task in PROGRAM)
     lines = [f'| Normal tasks | {heads} |', '|---' * (1 + len(PROGRAM)) + '|']
     for state in controller.Tasks:
-        cells = ' | '.join(_words(TASK_STATES[task.type][state]) for task in PROGRAM)
+        cells = ' | '.join(_words(task.state(replace(start, tasks=state))) for task in PROGRAM)
         lines.append(f'| {state.value} | {cells} |')
     parts.append('### Tasks\n\n' + '\n'.join(lines) + '\n')
     return '\n'.join(parts)
@@ -86,7 +87,8 @@ def _diagram(transitions: Table, start: Enum) -> str:
     for (state, event), target in transitions.items():
         if state is not target:
             ways.setdefault((state.name, target.name), []).append(str(event.value))
-    for (a, b), events in ways.items():
+    for (a, b), events in sorted(ways.items()):
+        events.sort()
         parts = [events[first : first + 8] for first in range(0, len(events), 8)]
         lines += [f'    {a} --> {b}: {", ".join(part)}' for part in parts]
     sources = {state for state, _ in transitions}

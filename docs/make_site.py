@@ -3,10 +3,9 @@
 """Build all pages of the repository as a site that needs no network: `make docs`.
 
 The pages keep their relative paths, so that links between them stay valid. Linked files (profiles,
-robot models, the licence) get a generated page, and folders a list of their files. The content of
-`<!-- made: NAME -->` and two whole pages are generated from code and data. No page sends requests
-to other hosts: fonts are local, and diagrams are rendered here. The site, including its search,
-works from files without a server.
+robot models, the licence) get a generated page, and folders a list of their files. Two whole
+pages are generated from code and data. No page sends requests to other hosts: fonts are local, and
+diagrams are rendered here. The site, including its search, works from files without a server.
 """
 
 import argparse
@@ -19,7 +18,6 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import make_api
-import make_diagrams
 import make_tables
 import mmdr
 
@@ -31,25 +29,7 @@ CONFIGURATION = BUILD / 'zensical.toml'
 
 INDEX = 'docs/README.md'
 WORKER = 'iframe-worker.js'
-PAGES = ('*.md', 'docs/*.md', 'benchmark/*.md', 'variants/*/*.md')
-MADE: dict[str, Callable[..., Iterable[str]]] = {
-    'approximate': make_tables.approximate,
-    'controller': make_diagrams.condition,
-    'errors': make_tables.errors,
-    'faults': make_tables.faults,
-    'keys': make_tables.keys,
-    'machines': make_diagrams.machines,
-    'models': make_tables.models,
-    'parameters': make_tables.parameters,
-    'remote_commands': make_tables.remote_commands,
-    'remote_errors': make_tables.remote_errors,
-    'sim_commands': make_tables.sim_commands,
-    'spel_errors': make_tables.spel_errors,
-    'spel_rules': make_tables.spel_rules,
-    'spel_words': make_tables.spel_words,
-    'tests': make_tables.invariants,
-}
-"""Parts of pages."""
+PAGES = ('*.md', 'docs/*.md', 'examples/*.md', 'benchmark/*.md', 'variants/*/*.md')
 MADE_PAGES: dict[str, Callable[[], Iterable[str]]] = {
     'docs/python_api.md': make_api.page,
     'docs/licences.md': make_tables.licences,
@@ -57,7 +37,6 @@ MADE_PAGES: dict[str, Callable[[], Iterable[str]]] = {
 PICTURES = ('.png', '.webp', '.svg')
 
 LINK = re.compile(r'(!?\[[^\]]*\])\((?!https?:|#|mailto:)([^)\s#]+)(#[^)\s]*)?\)')
-PART = re.compile(r'<!-- made: (\w+) ?(.*?) -->\n')
 DIAGRAM = re.compile(r'(?ms)^```mermaid\n(.*?)^```\n')
 SECTION = re.compile(r'(?m)^## (.*)$')
 NESTED = re.compile(r'(?m)^ {2,3}(?=\* )')
@@ -84,7 +63,9 @@ def main() -> int:
 def write_source() -> None:
     """Write the pages and the configuration that the site is built from."""
     shutil.rmtree(SOURCE, ignore_errors=True)
-    texts = {page: _whole(page) for pattern in PAGES for page in sorted(ROOT.glob(pattern))}
+    texts = {
+        page: page.read_text('utf-8') for pattern in PAGES for page in sorted(ROOT.glob(pattern))
+    }
     texts |= {ROOT / name: ''.join(made()) for name, made in MADE_PAGES.items()}
     wanted: set[Path] = set()
     for page, text in texts.items():
@@ -150,12 +131,6 @@ def navigation() -> Iterator[tuple[str, list[str]]]:
             pages.append(name if place.suffix == '.md' else f'{name}.md')
         if pages and title.startswith('You '):
             yield title, list(dict.fromkeys(pages))
-
-
-def _whole(page: Path) -> str:
-    """Return a page with its generated parts."""
-    text = page.read_text(encoding='utf-8')
-    return PART.sub(lambda found: ''.join(MADE[found[1]](*found[2].split())), text)
 
 
 def _targets(page: Path, text: str) -> Iterator[Path]:

@@ -1,16 +1,19 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tables and lists of the docs that come from code and data, no wider than 120 columns.
+"""Tables, lists and diagrams of the docs that come from code and data, no wider than 120 columns.
 
-`make docs` puts them into the site.
+`make tables` writes them into the pages, between `<!-- made: NAME -->` and `<!-- end -->`. A test
+compares the pages with the code.
 """
 
 import re
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from importlib.metadata import Distribution, distributions
 from pathlib import Path
 from xml.etree import ElementTree
+
+import make_diagrams
 
 from epson_driver.error_texts import NO_ERROR, load_error_texts
 from epson_driver.profiles.profile import load_controller_profile
@@ -28,8 +31,6 @@ from epson_driver.spel.lint import RULES as LINT_RULES
 from epson_driver.spel.words import CONSTANTS
 
 DOCS = Path(__file__).parent
-TEST = DOCS.parent / 'test'
-INVARIANTS = range(1, 11)
 WIDTH = 120
 KINDS = {bool: 'bool', int: 'integer', float: 'double', str: 'string', list: 'array'}
 
@@ -133,16 +134,6 @@ def approximate(profile: str) -> Iterator[str]:
     yield from map(item, load_controller_profile(profile).approximate)
 
 
-def invariants() -> Iterator[str]:
-    """Yield an item for each invariant, with the files that test it."""
-    texts = {path: path.read_text(encoding='utf-8') for path in sorted(TEST.rglob('test_*.py'))}
-    for number in INVARIANTS:
-        marker = re.compile(rf'mark\.invariant\((\d, )*{number}[,)]')
-        files = [path for path, text in texts.items() if marker.search(text)]
-        yield f'* **{number}**\n'
-        yield from (f'  * `{path.relative_to(TEST.parent).as_posix()}`\n' for path in files)
-
-
 def licences() -> Iterator[str]:
     """Yield the table of installed packages and their declared licences."""
     yield '# Licences of installed packages\n\n'
@@ -203,3 +194,46 @@ def _allowed(row: Row) -> str:
     if row.choices:
         return ', '.join(row.choices)
     return '' if row.low is None else f'{row.low:g} … {row.high:g}'
+
+
+MADE: dict[str, Callable[..., Iterable[str]]] = {
+    'approximate': approximate,
+    'controller': make_diagrams.condition,
+    'errors': errors,
+    'faults': faults,
+    'keys': keys,
+    'machines': make_diagrams.machines,
+    'models': models,
+    'parameters': parameters,
+    'remote_commands': remote_commands,
+    'remote_errors': remote_errors,
+    'sim_commands': sim_commands,
+    'spel_errors': spel_errors,
+    'spel_rules': spel_rules,
+    'spel_words': spel_words,
+}
+PART = re.compile(r'(?s)(<!-- made: (\w+) ?([^\n]*?) -->\n).*?(<!-- end -->\n)')
+
+
+def with_tables(text: str) -> str:
+    """Return a page with its generated parts up to date."""
+
+    def part(found: re.Match[str]) -> str:
+        start, name, arguments, end = found.groups()
+        made = ''.join(MADE[name](*arguments.split())).strip()
+        return f'{start}\n{made}\n\n{end}'
+
+    return PART.sub(part, text)
+
+
+def main() -> None:
+    """Write the generated parts of all pages."""
+    for page in DOCS.glob('*.md'):
+        text = page.read_text('utf-8')
+        if (new := with_tables(text)) != text:
+            page.write_text(new, 'utf-8')
+            print(f'{page.name} has new tables')
+
+
+if __name__ == '__main__':
+    main()

@@ -11,10 +11,11 @@ m, times in s. docs/python.md describes the API. epson_driver.robot has the same
 asyncio.
 """
 
+import asyncio
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from types import TracebackType
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from epson_driver.api import moves
 from epson_driver.api.errors import (
@@ -28,6 +29,7 @@ from epson_driver.api.errors import (
 from epson_driver.api.io import Gripper, GripperState, GripperWiring, Io
 from epson_driver.api.motion import Motion
 from epson_driver.api.motions import Motions
+from epson_driver.api.ownership import Page
 from epson_driver.api.points import Points
 from epson_driver.api.poses import Waypoint
 from epson_driver.api.recording import Recording
@@ -35,6 +37,7 @@ from epson_driver.api.settings import Settings, checked_argument, parameter_valu
 from epson_driver.api.simulation import SimulatedController, Simulation
 from epson_driver.api.status import ControllerError, RobotStatus, Sample
 from epson_driver.api.streams import Streams
+from epson_driver.inputs import HOST, count
 from epson_driver.taught_points import EpsonPoint, Pallet, Posture, TaughtPoints
 
 __all__ = [
@@ -60,6 +63,8 @@ __all__ = [
     'Waypoint',
 ]
 
+FREE_PORT = count(0, 65_535)
+
 READY_TIMEOUT_S = 10.0
 """Default timeout of `connect`, s."""
 
@@ -67,11 +72,11 @@ READY_TIMEOUT_S = 10.0
 class Robot(Motions, Streams):
     """An arm and its controller. `async with Robot(…) as robot:` connects and closes it.
 
-    * host: the address of the controller, or a robot.yaml of `epson_driver connect`, which has the
-      address, the profile and the model.
+    * host: the address of the controller, or a robot.yaml written by `epson_driver connect`, which
+      contains the address, the profile and the model.
     * controller, model: names from config/controllers and config/robots (default: simulated and
-      c3_a601s), or paths to files.
-    * motion_port, …: default to the ports in the controller's profile. An `io_port` or
+      c3_a601s), or paths of files.
+    * motion_port, …: TCP ports. The controller's profile has the defaults. An `io_port` or
       `remote_port` of 0 is not used.
     * enable: whether `connect` also enables the arm.
 
@@ -131,10 +136,11 @@ class Robot(Motions, Streams):
     ) -> Self:
         """Return a robot that starts its simulated controller when it connects.
 
-        start: initial joint positions, rad (m). motion: 'smooth' (default) passes through all
-        points without a stop, 'ptp' stops at each. If the controller runs a SPEL+ program, leave
-        `motion` out, because the program determines it. enable: whether `connect` also enables
-        the arm.
+        * start: initial joint positions, rad (m).
+        * motion: 'smooth' (default): the arm moves through all points without a stop. 'ptp': it
+          stops at each point. Omit this if the controller runs a SPEL+ program, which determines
+          it.
+        * enable: whether `connect` also enables the arm.
         """
         for name, value in (('controller', controller), ('model', model)):
             checked_argument(name, value)
@@ -160,8 +166,8 @@ class Robot(Motions, Streams):
         """Connect, and wait until the controller has reported its state and the joint positions.
 
         The arm stays disabled, unless the Robot was created with `enable=True`. Then `connect`
-        also enables it, and closes the connection if that fails. Raises RobotError, which lists
-        the missing parts, if the robot is not ready within `timeout` s.
+        also enables the arm, and closes the connection if that fails. Raises RobotError if the
+        robot is not ready within `timeout` s. Its text lists the missing parts.
         """
         lost = weakref.finalize(self, self._connection.lost)
         lost.atexit = False
@@ -211,17 +217,45 @@ class Robot(Motions, Streams):
         )
 
     async def stop(self) -> str:
-        """Stop the arm and abort its motion. Return a message once the arm is at rest."""
+        """Stop the arm and abort its motion. Return a message when the arm is at rest."""
         return await self._connection.command(lambda commands: commands.stop())
 
     async def wait_for_input(
         self, index: int, value: int = 1, *, kind: str = 'DI', timeout: float | None = None
     ) -> None:
-        """Wait until an input has a value. `kind` selects another type of I/O point (docs/io.md).
+        """Wait until an input has a value.
 
-        Raises TimeoutError after `timeout` s, and the exceptions of `io.read`.
+        kind: type of I/O point (docs/io.md), by default a digital input. Raises TimeoutError after
+        `timeout` s, and the exceptions of `io.read`.
         """
         await self.io.wait(kind, index, value, timeout)
+
+    @checked_arguments
+    async def show(
+        self, *, host: str = '127.0.0.1', port: int = 0, allow_motion: bool = False
+    ) -> str:
+        """Show the robot in a browser, and return the address of the page (docs/panel.md).
+
+        * host, port: the address to listen on. 0: any free port. If other machines can reach the
+          host, the address of the page contains a token.
+        * allow_motion: whether the page may move a robot that is not simulated.
+
+        The page ends with the connection. Until then, further calls return the same address.
+        Raises RobotError if not connected, if the address is in use, or without the package
+        websockets.
+        """
+        from epson_driver.panel import INSTALL, missing
+
+        HOST.checked(host, 'host')
+        FREE_PORT.checked(port, 'port')
+        if missing():
+            raise RobotError(INSTALL)
+        connection = self._connection
+        page = connection.page
+        if page is None:
+            show = await asyncio.to_thread(_load_panel)  # importing it would delay the driver
+            page = await show(connection, self.points, host, port, allow_motion=allow_motion)
+        return page.url
 
     # --- callbacks --------------------------------------------------------------------------
 
@@ -229,10 +263,11 @@ class Robot(Motions, Streams):
     def on_estop(self, callback: Callable[[bool], object]) -> Callable[[], None]:
         """Register a callback for the E-stop: pressed (True) or reset (False).
 
-        When the callback runs, the arm is already disabled. Callbacks of Robot run one after the
-        other in a separate thread and may use the robot. Callbacks of aio.Robot run in the event
-        loop and must return immediately. An exception in a callback is logged, and the arm is
-        stopped and disabled. Return a function that unregisters the callback.
+        Returns a function that unregisters the callback. When the callback runs, the arm is
+        already disabled. Callbacks of Robot run one after the other in a separate thread,
+        and may use the robot. Callbacks of aio.Robot run in the event loop, and must return
+        immediately. If a callback raises an exception, this is logged, and the arm is stopped and
+        disabled.
         """
         return self._connection.changes.estop.add(callback)
 
@@ -240,7 +275,7 @@ class Robot(Motions, Streams):
     def on_joints(self, callback: Callable[[Sample], object]) -> Callable[[], None]:
         """Register a callback for each joint sample, up to 200 per second. See `on_estop`.
 
-        The arm is stopped if the callbacks of Robot are so slow that 1000 calls are waiting.
+        If the callbacks of Robot are so slow that 1000 calls are waiting, the arm is stopped.
         """
         return self._connection.changes.joints.add(callback)
 
@@ -256,10 +291,16 @@ class Robot(Motions, Streams):
     def on_link(self, callback: Callable[[str, str], object]) -> Callable[[], None]:
         """Register a callback for the link state and the reason of its change. See `on_estop`.
 
-        States: disconnected, connecting, connected, backing_off (waiting for the next attempt). If
-        the motion and the state link differ, the state is the worse one.
+        The states are disconnected, connecting, connected, and backing_off (waiting for the next
+        attempt). If the motion link and the state link differ, the result is the worse state.
         """
         return self._connection.changes.link.add(callback)
+
+
+def _load_panel() -> Callable[..., Coroutine[Any, Any, Page]]:
+    from epson_driver.panel.page import show
+
+    return show
 
 
 def _of(

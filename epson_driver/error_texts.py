@@ -5,7 +5,6 @@
 The simulated controller reports these numbers. The driver adds the meanings and remedies.
 """
 
-from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +14,7 @@ from epson_driver.share import share_path
 
 NO_ERROR = 0
 NO_TEXTS = 'none'
-"""Name of the empty table, for controllers whose error numbers are not listed."""
+"""Name of the empty table. Controllers use it if their error numbers are not listed."""
 
 
 class ErrorText(NamedTuple):
@@ -31,46 +30,29 @@ class ErrorText(NamedTuple):
     source: str = ''
 
 
-class ErrorTexts(Mapping[int, ErrorText]):
-    """Error texts of one kind of controller: a mapping from error numbers."""
-
-    def __init__(self, texts: Mapping[int, ErrorText]) -> None:
-        self._texts = dict(texts)
-
-    def __getitem__(self, number: int) -> ErrorText:
-        return self._texts[number]
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(self._texts)
-
-    def __len__(self) -> int:
-        return len(self._texts)
-
+class ErrorTexts(dict[int, ErrorText]):
     def phrase(self, number: int) -> str:
         """Return the number with its meaning, for use in a sentence: `4031 (motion attempted …)`.
 
-        An unconfirmed meaning is marked. A number without a text is returned alone.
+        An unconfirmed meaning is marked as such. A number without a text is returned without a
+        meaning.
         """
-        text = self._texts.get(number)
+        text = self.get(number)
         if text is None or number == NO_ERROR:
             return str(number)
         doubt = '' if text.confirmed else ', not confirmed'
         return f'{number} ({text.meaning}{doubt})'
 
     def advice(self, number: int, otherwise: str) -> str:
-        """Return the remedy for an error number, or `otherwise` if none is known."""
-        text = self._texts.get(number)
+        text = self.get(number)
         return text.remedy if text is not None and text.remedy else otherwise
 
 
 @cache
 def load_error_texts(name: str = 'epson') -> ErrorTexts:
-    """Load config/errors/NAME.yaml, or an empty table for 'none'.
-
-    Raises InputError if the file is invalid, or if it is missing. The text then lists the names.
-    """
+    """Load config/errors/NAME.yaml, or an empty table for 'none'."""
     if name == NO_TEXTS:
-        return ErrorTexts({})
+        return ErrorTexts()
     known = {path.stem: path for path in share_path('config', 'errors').glob('*.yaml')}
     if name not in known:
         names = near_names(name, [*sorted(known), NO_TEXTS])
@@ -79,19 +61,18 @@ def load_error_texts(name: str = 'epson') -> ErrorTexts:
 
 
 def read_error_texts(path: Path) -> ErrorTexts:
-    """Read a file of error texts. Raises InputError if it is invalid."""
     data = read_yaml(path)
     file = printable(path)
     rows = data.get('errors') if isinstance(data, dict) else None
     if not isinstance(rows, list):
         raise InputError(f'{file}: errors must be a list')
-    texts: dict[int, ErrorText] = {}
+    texts = ErrorTexts()
     for index, row in enumerate(rows):
         number, text = _row(f'{file}: errors[{index}]', row)
         if number in texts:
             raise InputError(f'{file}: number {number} occurs twice')
         texts[number] = text
-    return ErrorTexts(texts)
+    return texts
 
 
 _KEYS = {'number': int, 'meaning': str, 'remedy': str, 'confirmed': bool, 'source': str}

@@ -17,11 +17,11 @@ from contextlib import suppress
 from epson_driver.inputs import printable
 
 PERIOD_S = 1.0
-"""Minimum time between two lines of a throttle whose burst is used up, s."""
+"""Minimum time between two lines of a throttle that has used up its burst, s."""
 
 
 class LogThrottle:
-    """Token bucket for log lines: passes `burst` lines, then one per PERIOD_S.
+    """Token bucket for log lines. It passes `burst` lines, then one line per PERIOD_S.
 
     The bucket refills by one line per PERIOD_S, up to `burst` lines.
     """
@@ -32,9 +32,10 @@ class LogThrottle:
         self._suppressed = 0
 
     def passes(self, now: float) -> int | None:
-        """Return how many lines were suppressed since the last one, or None to suppress this line.
+        """Return whether this line passes, as a count, or None to suppress it.
 
-        `now`: the time on any monotonic clock, s.
+        The count is the number of lines suppressed since the last line that passed. `now`: the
+        time on any monotonic clock, s.
         """
         due = max(self._next, now - self._saved)
         if now < due:
@@ -45,13 +46,11 @@ class LogThrottle:
         return suppressed
 
     def line(self, text: str, now: float) -> str | None:
-        """Return the line to log at time `now`, s, or None to suppress it."""
         suppressed = self.passes(now)
         return None if suppressed is None else with_count(text, suppressed)
 
 
 def with_count(text: str, suppressed: int) -> str:
-    """Return the line, followed by the number of lines suppressed before it, if any."""
     return f'{text} (and {suppressed} like it before)' if suppressed else text
 
 
@@ -59,11 +58,9 @@ class PrintableFormatter(logging.Formatter):
     """Formats each record as one line of printable text, except tracebacks and stacks."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
-        """Return the record's message as one line."""
         return printable(super().formatMessage(record))
 
     def formatException(self, ei: object) -> str:  # noqa: N802 - logging's name
-        """Return the traceback as printable lines."""
         lines = super().formatException(ei).split('\n')  # type: ignore[arg-type]
         return '\n'.join(map(printable, lines))
 
@@ -93,7 +90,10 @@ class StderrLog(logging.Handler):
         self._thread.start()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Queue the line for the thread. Drop it if its rate is too high or the queue is full."""
+        """Queue the line for the thread.
+
+        Drop it if its rate is too high, or if the queue is full.
+        """
         where = (record.pathname, record.lineno)
         if where not in self._throttles:
             self._throttles[where] = LogThrottle(BURST_LINES)
@@ -105,7 +105,7 @@ class StderrLog(logging.Handler):
             self._lines.put_nowait(line.encode(errors='replace') + b'\n')
 
     def finish(self) -> None:
-        """Write the waiting lines and end the thread. Wait for this at most half a second."""
+        """Write the waiting lines and end the thread. This takes at most half a second."""
         with suppress(queue.Full):
             self._lines.put_nowait(None)
             self._thread.join(_FLUSH_TIMEOUT_S)

@@ -66,11 +66,11 @@ __all__ = [
 class Robot(Synchronous[aio.Robot]):
     """An arm and its controller. `with Robot(…) as robot:` connects and closes it.
 
-    * host: the address of the controller, or a robot.yaml of `epson_driver connect`, which has the
-      address, the profile and the model.
+    * host: the address of the controller, or a robot.yaml written by `epson_driver connect`, which
+      contains the address, the profile and the model.
     * controller, model: names from config/controllers and config/robots (default: simulated and
-      c3_a601s), or paths to files.
-    * motion_port, …: default to the ports in the controller's profile. An `io_port` or
+      c3_a601s), or paths of files.
+    * motion_port, …: TCP ports. The controller's profile has the defaults. An `io_port` or
       `remote_port` of 0 is not used.
     * enable: whether `connect` also enables the arm.
 
@@ -94,10 +94,11 @@ class Robot(Synchronous[aio.Robot]):
     def simulated(cls, robot: aio.Robot) -> Self:
         """Return a robot that starts its simulated controller when it connects.
 
-        start: initial joint positions, rad (m). motion: 'smooth' (default) passes through all
-        points without a stop, 'ptp' stops at each. If the controller runs a SPEL+ program, leave
-        `motion` out, because the program determines it. enable: whether `connect` also enables
-        the arm.
+        * start: initial joint positions, rad (m).
+        * motion: 'smooth' (default): the arm moves through all points without a stop. 'ptp': it
+          stops at each point. Omit this if the controller runs a SPEL+ program, which determines
+          it.
+        * enable: whether `connect` also enables the arm.
         """
         made = cls.__new__(cls)
         Robot.__init__.__wrapped__(made, robot)  # type: ignore[attr-defined]
@@ -107,8 +108,8 @@ class Robot(Synchronous[aio.Robot]):
         """Connect, and wait until the controller has reported its state and the joint positions.
 
         The arm stays disabled, unless the Robot was created with `enable=True`. Then `connect`
-        also enables it, and closes the connection if that fails. Raises RobotError, which lists
-        the missing parts, if the robot is not ready within `timeout` s.
+        also enables the arm, and closes the connection if that fails. Raises RobotError if the
+        robot is not ready within `timeout` s. Its text lists the missing parts.
         """
         self._session.open(partial(self._awaited.connect, timeout))
         return self
@@ -154,6 +155,7 @@ class Robot(Synchronous[aio.Robot]):
     disable = waits(aio.Robot.disable)
     reset = waits(aio.Robot.reset)
     stop = waits(aio.Robot.stop)
+    show = waits(aio.Robot.show)
 
     move_joints = moves(aio.Robot.move_joints)
     move_waypoints = moves(aio.Robot.move_waypoints)

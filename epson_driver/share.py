@@ -9,7 +9,10 @@ _SOURCE_TREE = _PACKAGE.parent
 
 
 def share_path(*parts: str) -> Path:
-    """Return the path of a data file or folder, such as `share_path('config', 'robots')`."""
+    """Return the path of a data file or folder.
+
+    Example: `share_path('config', 'robots')`.
+    """
     if (_SOURCE_TREE / 'package.xml').is_file():
         root = _SOURCE_TREE
     else:  # <prefix>/lib/python3.x/site-packages/epson_driver, both for pip and colcon

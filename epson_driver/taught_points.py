@@ -3,7 +3,7 @@
 """Taught points in mm and degrees, by name, in files of RC+ (.pts) or of this package (.yaml).
 
 Saving to a .pts file preserves content that this module does not know. If no point has changed,
-it preserves every byte. A .yaml file has X Y Z U V W, mm and degrees, by name:
+every byte is preserved. A .yaml file has X Y Z U V W, in mm and degrees, by name:
 
     pick: {x: 350.0, y: 20.0, z: -30.0, u: 45.0, v: 0.0, w: 0.0}
 
@@ -26,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from epson_driver.inputs import (
+    ArgumentError,
     InputError,
     count,
     number,
@@ -53,7 +54,7 @@ class EpsonPoint:
     """A point as shown on a teach pendant: X, Y, Z in mm, and U, V, W in degrees.
 
     It is in EPSON's world coordinate system, unless the call that takes the point names another
-    frame. V and W are 0 on a SCARA.
+    frame. V and W are 0 on a SCARA. Raises ArgumentError if an argument is invalid.
     """
 
     x: float
@@ -65,9 +66,9 @@ class EpsonPoint:
 
     def __post_init__(self) -> None:
         for name in ('x', 'y', 'z'):
-            _LENGTH.checked(plain(getattr(self, name)), name)
+            _LENGTH.argument(plain(getattr(self, name)), name)
         for name in ('u', 'v', 'w'):
-            _ANGLE.checked(plain(getattr(self, name)), name)
+            _ANGLE.argument(plain(getattr(self, name)), name)
 
     @property
     def xyz(self) -> Array:
@@ -83,27 +84,30 @@ class EpsonPoint:
     def moved(
         self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, u: float = 0.0
     ) -> 'EpsonPoint':
-        """Return the point shifted by x, y, z (mm) and u (degrees), like SPEL+'s `P1 +Z(50)`."""
+        """Return the point shifted by x, y, z (mm) and u (degrees), like `P1 +Z(50)` in SPEL+."""
         for name, value in (('x', x), ('y', y), ('z', z)):
-            _LENGTH.checked(plain(value), name)
-        _ANGLE.checked(plain(u), 'u')
+            _LENGTH.argument(plain(value), name)
+        _ANGLE.argument(plain(u), 'u')
         return replace(self, x=self.x + x, y=self.y + y, z=self.z + z, u=self.u + u)
 
     def before(self, distance: float) -> 'EpsonPoint':
-        """Return an approach point: this point, shifted back along its Z axis by `distance` mm."""
+        """Return an approach point, which is `distance` mm before this point on its Z axis."""
         pose = self.pose
-        pose[:3, 3] -= pose[:3, 2] * (_LENGTH.checked(plain(distance), 'distance') / 1e3)
+        pose[:3, 3] -= pose[:3, 2] * (_LENGTH.argument(plain(distance), 'distance') / 1e3)
         return EpsonPoint.of(pose)
 
     @classmethod
     def of(cls, pose: npt.ArrayLike) -> 'EpsonPoint':
         """Return the point for a homogeneous matrix, shape (4, 4), m.
 
-        Raises ValueError if the shape is different or a number is not finite.
+        Raises ArgumentError if the shape is different or a number is not finite.
         """
-        pose = finite_numbers('pose', pose)
+        try:
+            pose = finite_numbers('pose', pose)
+        except ValueError as error:
+            raise ArgumentError(str(error)) from error
         if pose.shape != (4, 4):
-            raise ValueError(f'pose has shape {pose.shape}: must be (4, 4), m')
+            raise ArgumentError(f'pose has shape {pose.shape}: must be (4, 4), m')
         return cls(*(pose[:3, 3] * 1e3).tolist(), *np.degrees(uvw(pose[:3, :3])).tolist())
 
 
@@ -112,11 +116,11 @@ class Pallet(Sequence[EpsonPoint]):
     """Points in columns and rows between taught corners, in the order of the rows.
 
     * first: the corner at which the first row and the first column begin.
-    * row_end, column_end: the other ends of the first row and of the first column.
+    * row_end, column_end: the corners at which the first row and the first column end.
     * opposite: the fourth corner, or None for a parallelogram.
 
-    Indices start at 0, in SPEL+'s Pallet at 1. All points have the orientation of `first`. Raises
-    InputError if an argument is invalid.
+    Indices start at 0, unlike in SPEL+'s Pallet, where they start at 1. All points have the
+    orientation of `first`. Raises ArgumentError if an argument is invalid.
     """
 
     first: EpsonPoint
@@ -128,14 +132,13 @@ class Pallet(Sequence[EpsonPoint]):
 
     def __post_init__(self) -> None:
         for name in ('columns', 'rows'):
-            _COUNT.checked(getattr(self, name), name)
+            _COUNT.argument(plain(getattr(self, name)), name)
         for name in ('first', 'row_end', 'column_end', 'opposite'):
             corner = getattr(self, name)
             if not isinstance(corner, EpsonPoint) and (corner, name) != (None, 'opposite'):
-                raise InputError(f'{name} = {shown(corner)}: must be an EpsonPoint')
+                raise ArgumentError(f'{name} = {shown(corner)}: must be an EpsonPoint')
 
     def __len__(self) -> int:
-        """Return the number of points."""
         return self.columns * self.rows
 
     @overload
@@ -143,7 +146,6 @@ class Pallet(Sequence[EpsonPoint]):
     @overload
     def __getitem__(self, index: slice) -> list[EpsonPoint]: ...
     def __getitem__(self, index: int | slice) -> EpsonPoint | list[EpsonPoint]:
-        """Return the point at an index, or the points of a slice. Raises IndexError if outside."""
         if isinstance(index, slice):
             return [self[item] for item in range(len(self))[index]]
         row, column = divmod(range(len(self))[index], self.columns)
@@ -155,7 +157,6 @@ class Pallet(Sequence[EpsonPoint]):
 
 
 def plain(value: object) -> object:
-    """Convert a numpy number to a Python number."""
     return value.item() if isinstance(value, np.generic) else value
 
 
@@ -169,13 +170,13 @@ def posture(model: RobotModel, joints: Array) -> Posture:
     In .pts files, hand 1 is right and 2 left, elbow 1 is above and 2 below. Wrist 1 is the home
     pose with the tool down, 2 is flipped. These values come from public .pts files and from
     programs that write such files. They were not checked on a controller. Raises ValueError if
-    these sources disagree about this arm or do not contain it.
+    these sources disagree about this arm, or do not describe it.
     """
     low, high = (-pi / 2.0, pi) if model.name.startswith('rs') else (-pi, pi)
     if not low <= joints[0] <= high:
         raise ValueError(
-            f'joint 1 is outside {degrees(low):.0f} … {degrees(high):.0f} degrees, where its flag '
-            'is unknown'
+            f'joint 1 is outside {degrees(low):.0f} … {degrees(high):.0f} degrees, the only range '
+            'in which its flag is known'
         )
     if model.kind == SCARA:
         return {'nHand': 1 if joints[1] >= 0.0 else 2, 'nElbow': 1, 'nWrist': 1}
@@ -207,7 +208,7 @@ def posture(model: RobotModel, joints: Array) -> Posture:
 def taught(arm: Kinematics, joints: Array) -> tuple[EpsonPoint, Posture | str]:
     """Return the tool's point and the arm's posture for joint positions, shape (n,).
 
-    If the posture is unknown, a text with the reason is returned in its place.
+    If the posture is unknown, the result contains the reason as a text instead.
     """
     point = EpsonPoint.of(arm.in_base(arm.forward(joints)))
     try:
@@ -217,7 +218,10 @@ def taught(arm: Kinematics, joints: Array) -> tuple[EpsonPoint, Posture | str]:
 
 
 def _half_turns(angle: float) -> int:
-    """Return the number of additional half turns of an angle, rad: 0 up to ±π, 1 up to ±2π."""
+    """Return the number of half turns by which an angle, rad, exceeds ±π.
+
+    It is 0 up to ±π, 1 up to ±2π, and so on.
+    """
     return max(ceil(abs(angle) / pi) - 1, 0)
 
 
@@ -249,17 +253,18 @@ _NO_PLACE = 0xF
 """Bits of nUndefined that mark X, Y, Z or U as undefined."""
 
 _ONLY_PLACE = '448'
-"""nUndefined of a point that has X to W: only R, S and T are undefined."""
+"""nUndefined of a point that has all of X to W. Only R, S and T are undefined."""
 
 
 @dataclass(frozen=True)
 class _StoredPoint:
     """A named point.
 
-    * point: its position, or None if only the label exists.
-    * number, block: its number and its `Block` in a .pts file.
-    * posture: the arm's posture at the point, why it is unknown, or None if `block` has it.
-    * why: why the point cannot be used, or ''.
+    * point: the position, or None if only the label exists.
+    * number, block: the point's number and `Block` in a .pts file.
+    * posture: the arm's posture at the point, or a text with the reason why it is unknown. It is
+      None if `block` contains the posture.
+    * why: the reason why the point cannot be used, or ''.
     """
 
     name: str
@@ -288,7 +293,8 @@ class TaughtPoints:
     def set(self, name: str, point: EpsonPoint, taught: Posture | str | None = None) -> None:
         """Set or add a point. `taught`: the arm's posture at the point, or why it is unknown.
 
-        Raises InputError if the name or the point is invalid, or the existing point is unusable.
+        Raises InputError if the name or the point is invalid, or if the existing point cannot be
+        used.
         """
         if not isinstance(point, EpsonPoint):
             raise InputError(f'point {name} = {shown(point)}: must be an EpsonPoint')
@@ -313,11 +319,9 @@ class TaughtPoints:
         self._changed = True
 
     def __iter__(self) -> Iterator[str]:
-        """Yield the names."""
         return iter([stored.name for stored in self._points.values()])
 
     def __len__(self) -> int:
-        """Return the number of points."""
         return len(self._points)
 
     def __contains__(self, name: object) -> bool:
@@ -355,7 +359,10 @@ class TaughtPoints:
         write_file(file, self.content(file.suffix.lower()))
 
     def content(self, suffix: str) -> bytes:
-        """Return the content of a file with this `suffix`. Raises InputError as `save` does."""
+        """Return the content of a file with this `suffix`.
+
+        Raises the same InputError as `save`.
+        """
         if suffix == '.pts':
             return self._pts()
         if suffix == '.csv':
@@ -370,7 +377,7 @@ class TaughtPoints:
     def table(self) -> Iterator[tuple[str, ...]]:
         """Yield for each point: number, label, X to W, flags as in SPEL+, and description.
 
-        Raises InputError if a point has no posture, as in a .yaml file.
+        Raises InputError if a point has no posture, like the points of a .yaml file.
         """
         for block in self._blocks():
             undefined = int(block.number('nUndefined'))
@@ -404,7 +411,8 @@ class TaughtPoints:
     def _existing(self, name: str) -> _StoredPoint:
         stored = self._find(name)
         if stored is None:
-            raise KeyError(f'{name}: the points are {", ".join(self) or "none"}')
+            known = f'the points are {", ".join(self)}' if len(self) else 'teach or load it'
+            raise KeyError(f'no point named {name}: {known}')
         return stored
 
     def _find(self, name: str) -> _StoredPoint | None:
@@ -434,7 +442,6 @@ class TaughtPoints:
         return sealed(Block('', [*items, *blocks]), datetime.now(UTC)).encode('latin-1')
 
     def _blocks(self) -> list[Block]:
-        """Return the points as blocks of a .pts file, by number. Raises InputError if too many."""
         used = {stored.number for stored in self._points.values()}
         free = (number for number in range(LAST_NUMBER + 1) if number not in used)
         numbered = []
@@ -456,7 +463,6 @@ def _is_point_or_header(item: Any) -> bool:
 
 
 def _block(number: int, stored: _StoredPoint) -> Block:
-    """Return a point as a block of a .pts file. Raises InputError if it cannot be stored."""
     old, arm_posture = stored.block, stored.posture
     if old is not None and arm_posture is None and stored.point in (None, _place(old)):
         return old
@@ -532,14 +538,12 @@ def _of_rows(file: Path, rows: 'csv.DictReader[str]') -> Iterator[Block]:
 
 
 def _value(key: str, column: str) -> str:
-    """Return the value of a key in a .pts file, given the text in its .csv column."""
     if key == 'nUndefined' and not column:
         return _ONLY_PLACE
     return quoted(column) if key[0] == 's' else column or ('True' if key[0] == 'b' else '0')
 
 
 def _column(block: Block, key: str) -> str:
-    """Return the text of a .csv column, given the key in a .pts file."""
     text = block.text(key, 'True' if key[0] == 'b' else '' if key[0] == 's' else '0')
     return text.replace('\\\\', '\\') if key[0] == 's' else text
 
@@ -558,7 +562,10 @@ def _of_blocks(file: Path, blocks: Iterable[Block]) -> dict[str, _StoredPoint]:
             raise InputError(f'{printable(file)}: two points have the name {name}')
         place = None if int(block.number('nUndefined')) & _NO_PLACE else _place(block)
         local = int(block.number('nLocal'))
-        why = f'is in local {local} of the controller, which is unknown' if local else ''
+        why = ''
+        if local:
+            saved = f'in SPEL+, P{number} = P{number} @0 converts it to Local 0'
+            why = f'is in Local {local} of the controller, whose position is unknown: {saved}'
         points[name.lower()] = _StoredPoint(name, place, number, block, why=why)
     return points
 
@@ -590,7 +597,6 @@ _SUFFIXES = 'must be a .pts, a .csv or a .yaml file'
 
 
 def _yaml_line(stored: _StoredPoint) -> str:
-    """Return a point as a line of YAML. Raises InputError if it has no name or position."""
     if stored.point is None or stored.why or not _NAME.fullmatch(stored.name):
         why = stored.why or ('has no label' if stored.point else 'is not taught yet')
         raise InputError(f'point {stored.name} {why}: it cannot be saved as .yaml')

@@ -23,7 +23,7 @@ MAX_FILE_BYTES = 64_000_000
 """Maximum file size, bytes: 180,000 points of six joints with velocities and accelerations."""
 
 MAX_DURATION_S = 1_000_000
-"""Maximum time of a point, s (11 days). A float does not resolve nanoseconds above it."""
+"""Maximum time of a point, s (11 days). Beyond it, a float does not resolve nanoseconds."""
 
 MAX_VALUE = 1e6
 """Maximum absolute value of a number in a point (rad or m). Robot limits are checked later."""
@@ -32,7 +32,6 @@ FORM = (
     'must have joint_names: [joint_1, …] and points: [{positions: […], time_from_start: {sec: 0, '
     'nanosec: 0}}, …]'
 )
-"""Description of the required content, for the error text about an empty file."""
 
 _SECONDS = count(0, MAX_DURATION_S)
 _NANOSECONDS = count(0, 2**32 - 1)
@@ -43,9 +42,9 @@ _VALUE = number(-MAX_VALUE, MAX_VALUE)
 def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
     """Return the trajectory in a file. Only the first of several YAML documents is read.
 
-    A `time_from_start` is a mapping of `sec` and `nanosec`, or a number of seconds. `timed`:
-    whether every point must have a time. If False, a missing time is 0 s. Raises InputError if the
-    content is invalid.
+    A `time_from_start` is a mapping with `sec` and `nanosec`, or a number of seconds. `timed`:
+    whether every point must have a time. If False, the time of a point without one is 0 s. Raises
+    InputError if the content is invalid.
     """
     data = read_yaml(path, largest=MAX_FILE_BYTES, several=True)
     file = printable(path)
@@ -70,7 +69,6 @@ def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, comment: str) -> None:
-    """Write a trajectory with a comment line. Raises OSError if it cannot be written."""
     lines = [
         f'# {comment}',
         'header:',

@@ -4,7 +4,7 @@
 
 python -m generate.screenshots [panel] [report] [exercise] [doctor]
 
-Needs Debian's chromium and `make browser`. The exercise takes minutes, the others a minute each.
+Needs Debian's chromium and `make browser`. Each takes a minute or two.
 """
 
 import io
@@ -134,7 +134,7 @@ def _panel(page: Any, remote_port: int) -> None:
     button('Arm').click()
     page.wait_for_selector('body.armed')
     button('Enable').click()
-    page.wait_for_selector('[data-lamp="Arm gate"][data-colour="good"]')
+    page.wait_for_selector('[data-lamp="Enabled"][data-colour="good"]')
     button('Execute').click()
     page.wait_for_timeout(1e3 * TAKEN_S)
     save(page, 'panel_motion.webp')
@@ -194,10 +194,15 @@ def _repeated_after_an_estop(trace: Path) -> None:
         robot.move_joints(target, speed=0.1)
 
 
+EXERCISED = ('estop', 'door', 'pause', 'cut', 'lost_reply', 'frozen_encoder', 'reboot')
+"""Faults in the picture of an exercise. All 20 take minutes: each starts its own processes."""
+
+
 def exercise() -> None:
     """Take the exercise's output for a correct program."""
     programs = ROOT / 'test' / 'exercise' / 'programs'
-    _terminal(['exercise', '--', 'python3', 'good.py'], 0, 'what it did', cwd=programs)
+    faults = [f'--fault={name}' for name in EXERCISED]
+    _terminal(['exercise', *faults, '--', 'python3', 'good.py'], 0, 'reason', cwd=programs)
 
 
 def doctor() -> None:

@@ -21,7 +21,6 @@ KEPT = 200
 
 
 def main() -> int:
-    """Play the requested worlds. Returns 1 if an invariant was violated, else 0."""
     parser = argparse.ArgumentParser(prog='python -m simulation', description=__doc__)
     parser.add_argument('--seed', help='one world: a number, or numbers joined by dots')
     parser.add_argument(
@@ -43,7 +42,7 @@ def main() -> int:
         if error is not None:
             print(f'{seed}@{_commit()}: {error}', flush=True)
             if not arguments.no_shrink:
-                tell(seed, shrunk(seed, events, error))
+                report(seed, shrunk(seed, events, error))
     print(tally)
     return int(tally.failed > 0)
 
@@ -57,8 +56,7 @@ def played(world: World, events: list[Event]) -> BrokenError | None:
     return None
 
 
-def tell(seed: str, events: list[Event]) -> None:
-    """Print the smallest failing event list, as a story and as a test."""
+def report(seed: str, events: list[Event]) -> None:
     world = World(seed)
     with quiet():
         played(world, events)
@@ -83,7 +81,6 @@ class Tally:
         self._began = time.process_time()
 
     def take(self, seed: str, world: World) -> None:
-        """Count a world, and keep its seed if it reached a new situation."""
         self.worlds += 1
         self.events += world.events
         self.failed += world.broken is not None
@@ -93,7 +90,6 @@ class Tally:
             self.kept = [*self.kept, seed][-KEPT:]
 
     def __str__(self) -> str:
-        """Return the figures in a line."""
         used = time.process_time() - self._began
         return (
             f'{self.worlds} worlds, {self.events} events, {self.robot_seconds:.0f} s of the robot '

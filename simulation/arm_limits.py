@@ -22,10 +22,10 @@ from epson_driver.sim_controller.arm.point_to_point import PointToPoint, Segment
 from epson_driver.tool_motion.curve_motion import CurveMotion
 from simulation.oracles import BrokenError
 
-SHARE = 1e-5
-"""Rounding tolerance, as a share of a limit."""
+ROUNDING_FRACTION = 1e-5
+"""Rounding tolerance, as a fraction of a limit."""
 
-JUMP_SHARE = 1e-4
+JUMP_FRACTION = 1e-4
 """Tolerance for a jump of velocity or acceleration. A start may be cancelled within 1 us."""
 
 OUTSIDE_RAD = 1e-8
@@ -59,7 +59,6 @@ class ArmLimits:
         self._recovery: object = None
 
     def smoother(self, *args: Any, **named: Any) -> Smoother:
-        """Return a smoother whose executed motion is judged."""
         return Smoother(*args, observer=Executed(self), **named)
 
     def look(self, arm: Any) -> None:
@@ -76,7 +75,6 @@ class ArmLimits:
                 self.judge_whole(motion, None)
 
     def judge_whole(self, motion: Motion | JointMotion, before: State | None) -> None:
-        """Judge a whole motion until its end at rest."""
         if motion.duration > SHORT_S:
             spans = spans_of(motion.at, cuts(motion, 0.0, 0.0, motion.duration))
             self.judge(spans, before)
@@ -85,10 +83,10 @@ class ArmLimits:
         """Judge executed spans after a state, None if unknown. Returns the state at their end."""
         result = Extrema()
         after = result.extend(spans, self._limits, before or spans[2])
-        if result.worst > 1.0 + SHARE or result.outside > OUTSIDE_RAD:
+        if result.worst > 1.0 + ROUNDING_FRACTION or result.outside > OUTSIDE_RAD:
             self._break(BrokenError(f'2: beyond its limits at an instant: {result}'))
         jump = max(result.velocity_jump, result.acceleration_jump)
-        if jump > JUMP_SHARE or result.position_jump > OUTSIDE_RAD:
+        if jump > JUMP_FRACTION or result.position_jump > OUTSIDE_RAD:
             self._break(BrokenError(f'2: its motion jumps: {result}'))
         return after
 
@@ -103,7 +101,6 @@ class Executed:
         self._state: State | None = None
 
     def __call__(self, now: float, what: ActivePlan | JointMotion | None) -> None:
-        """Judge the motion executed until `now`, s, and record the motion that follows."""
         spans = executed_spans(self._what, self._since, now)
         if spans is not None:
             self._state = self._oracle.judge(spans, self._state)
@@ -125,7 +122,6 @@ class Segments(list[Segment]):
         self._brake: object = None
 
     def append(self, segment: Segment) -> None:
-        """Add a move, which starts now or later."""
         self._judge()
         if not self:
             rest = np.zeros_like(segment.motion.end)
@@ -134,12 +130,10 @@ class Segments(list[Segment]):
         super().append(segment)
 
     def pop(self, index: SupportsIndex = -1) -> Segment:
-        """Remove a move that has ended."""
         self._judge()
         return super().pop(index)
 
     def clear(self) -> None:
-        """Remove all moves."""
         self._judge()
         super().clear()
 
@@ -153,7 +147,6 @@ class Segments(list[Segment]):
             self._oracle.judge_whole(brake.motion, self._state)
 
     def _judge(self) -> None:
-        """Judge the motion executed until now."""
         now = self._executor._now  # noqa: SLF001
         if not self or now - self._since <= SHORT_S:
             return

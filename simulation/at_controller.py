@@ -17,7 +17,8 @@ from epson_driver.sim_controller.condition.states import (
     RejectedError,
     Tasks,
 )
-from epson_driver.sim_controller.faults.faults import ANSWER_TIME_S, FaultError, parse
+from epson_driver.sim_controller.faults.fault_kinds import FaultError, parse
+from epson_driver.sim_controller.faults.faults import ANSWER_TIME_S
 from simulation.network import HOST, Network
 from simulation.oracles import Arm, Wishes
 from simulation.users import Users
@@ -38,6 +39,9 @@ SHUT = {
 KNOWN_S = 3.0
 """Time within which a driver knows of a cause, s: from STATUS, or from the silent state port."""
 
+LINKS = {'statements': ('remote',), 'rtmc': ('motion',)}
+"""The only port that some drivers use. The others use motion and state."""
+
 ON_ANY_PORT = ('cut', 'half_open', 'delay', 'jitter', 'coalesce', 'one_byte')
 """Faults that can affect the remote port, too."""
 
@@ -51,7 +55,7 @@ MOVES_S = 20.0
 """Maximum time for which the arm may move after a person's `continue`, s."""
 
 
-class ProgramEnvironment(Protocol):
+class WorldInterface(Protocol):
     """The parts of the world used here."""
 
     arm: Arm
@@ -68,21 +72,20 @@ class ProgramEnvironment(Protocol):
     ports: Any
     workers: Workers
 
-    def say(self, text: str) -> None:
-        """Write a line of the log."""
+    def say(self, text: str) -> None: ...
 
 
 class AtController:
     """The controller's side of a world. Public methods are events of the world."""
 
-    def __init__(self, world: ProgramEnvironment) -> None:
+    def __init__(self, world: WorldInterface) -> None:
         self._world = world
         self._now: Callable[[], float] = world.loop.true_time
         self._unsure_until = self._read_from = 0.0
         self._closing = -world.person
         self._shut: dict[str, float] = {}
         """Causes that forbid motion, with their start times, s."""
-        self.links = ('remote',) if world.statements else ('motion', 'state')
+        self.links = LINKS.get(world.profile.program.interface, ('motion', 'state'))
         """Ports that the driver needs. After the loss of one, the arm must be enabled again."""
 
     @property
@@ -162,7 +165,6 @@ class AtController:
             world.loop.call_later(MOVES_S, setattr, wishes, 'person', False)
 
     def mend(self) -> None:
-        """Clear every cause that prevents motion."""
         condition = self._world.controller.condition
         for wanted, event in (
             (condition.estop is EStop.PRESSED, 'ESTOP_RELEASE'),
@@ -179,7 +181,6 @@ class AtController:
     # --- faults ------------------------------------------------------------------------------
 
     async def fault(self, text: str) -> None:
-        """Start a fault of the controller or its connections."""
         world, name = self._world, text.split()[0]
         if world.statements and name in ON_ANY_PORT:
             text = f'{re.sub(" port=[a-z]+", "", text)} port=remote'
@@ -192,18 +193,15 @@ class AtController:
         world.wishes.closed_meanwhile = True
 
     async def clear_faults(self) -> None:
-        """End the faults."""
         with self._world.servers.pacer.present():
             self._world.controller.faults.clear()
 
     async def worker_dies(self, which: str) -> None:
-        """End a planning process."""
         self._world.wishes.closed_meanwhile = True
         if (worker := self._world.workers.last(which)) is not None:
             worker.end(1)
 
     async def worker_hangs(self, which: str) -> None:
-        """Make a planning process hang."""
         self._world.wishes.closed_meanwhile = True
         if (worker := self._world.workers.last(which)) is not None:
             worker.hangs = True
@@ -211,19 +209,19 @@ class AtController:
     # --- the network -------------------------------------------------------------------------
 
     def _number_of(self, port: str) -> int:
-        number: int = getattr(self._world.ports, 'remote' if self._world.statements else port)
+        number: int = getattr(self._world.ports, port if len(self.links) > 1 else self.links[0])
         return number
 
     async def network_stall(self, port: str, seconds: float) -> None:
-        """Block a port for a while."""
         number = self._number_of(port)
         self._world.network.stall(number)
         self._world.users.held_up = self._now() + seconds
         self._world.loop.call_later(seconds, self._world.network.release, number)
 
     async def network_reset(self, port: str) -> None:
-        """End the connections of a port."""
         self._world.network.reset(self._number_of(port))
+        if self._world.controller.real_time:
+            return  # DDS has no connections
         if port in self.links or self._world.statements:
             self._world.wishes.closed(self._now())
 
@@ -242,7 +240,6 @@ class AtController:
         self._doubt()
 
     async def second_client(self, port: str, seconds: float) -> None:
-        """Connect another client to a port for a while."""
         self._world.users.begin(self._stranger(port, seconds), 'a stranger')
 
     async def _stranger(self, port: str, seconds: float) -> None:

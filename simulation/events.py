@@ -21,20 +21,23 @@ JOINTS = 6
 
 PUBLISHERS = 4
 OUTPUTS = 3
-CALM_SHARE = 0.25
-"""Share of worlds without failures."""
+CALM_FRACTION = 0.25
+"""Fraction of worlds without failures."""
 
-CLOCK_SHARE = 0.25
-"""Share of worlds in which a clock is set or drifts."""
+CLOCK_FRACTION = 0.25
+"""Fraction of worlds in which a clock is set or drifts."""
 
-SMOOTH_SHARE = 0.1
-"""Share of worlds whose built-in controller moves smoothly through points."""
+SMOOTH_FRACTION = 0.1
+"""Fraction of worlds whose built-in controller moves smoothly through points."""
 
-PREPARES_SHARE = 0.1
-"""Share of worlds whose node smooths goals before execution although it need not."""
+REAL_TIME_FRACTION = 0.07
+"""Fraction of worlds with Real-time Motion Control."""
 
-WORKER_SHARE = 0.4
-"""Share of these in which the planning process dies, and in which it hangs."""
+PREPARES_FRACTION = 0.1
+"""Fraction of worlds whose node smooths goals before execution although it need not."""
+
+WORKER_FRACTION = 0.4
+"""Fraction of these in which the planning process dies, and in which it hangs."""
 
 SMOOTH_PROFILES = ('simulated', 'simulated', 'simulated', 'rc700a', 'generic', 'motoman')
 
@@ -97,7 +100,6 @@ class Event:
     parameters: Parameters
 
     def __str__(self) -> str:
-        """Return the event in one line."""
         given = ', '.join(f'{name}={value}' for name, value in self.parameters.items())
         return f'{self.kind}({given})'
 
@@ -267,8 +269,8 @@ KINDS: dict[str, tuple[float, Callable[[Rng], Parameters]]] = {
 Plan = tuple[tuple[float, str, Parameters], ...]
 """Events: maximum time since the previous one, s, the kind, and fixed parameters."""
 
-SITUATION_SHARE = 0.5
-"""Share of worlds that include such sequences."""
+SITUATION_FRACTION = 0.5
+"""Fraction of worlds that include such sequences."""
 
 FAR = {'step': 1.0, 'offsets': [[0.3, -0.2, 0.3, 0.1, 0.2, 0.3], [-0.3] * JOINTS]}
 LONG = FAR | {'step': 6.0}
@@ -382,7 +384,7 @@ def events_of(seed: str) -> list[Event]:
     """Return the events of a seed such as `7`, or of a varied one, `7.3`. Raises ValueError."""
     first, *others = (int(part) for part in seed.split('.'))
     rng = np.random.default_rng([first, 0])
-    kinds = CALM_KINDS if rng.random() < CALM_SHARE else KINDS.keys()
+    kinds = CALM_KINDS if rng.random() < CALM_FRACTION else KINDS.keys()
     events = [draw(rng, kinds) for _ in range(int(rng.integers(MIN_EVENTS, MAX_EVENTS + 1)))]
     _put_situations(events, np.random.default_rng([first, 3]), calm=kinds is CALM_KINDS)
     _put_clocks(events, np.random.default_rng([first, 4]), calm=kinds is CALM_KINDS)
@@ -396,7 +398,7 @@ def events_of(seed: str) -> list[Event]:
 
 
 def _put_situations(events: list[Event], rng: Rng, *, calm: bool) -> None:
-    if rng.random() >= SITUATION_SHARE:
+    if rng.random() >= SITUATION_FRACTION:
         return
     for _ in range(1 if calm else int(rng.integers(1, 5))):
         plan = SITUATIONS[int(rng.integers(len(SITUATIONS)))]
@@ -412,7 +414,7 @@ def _put(events: list[Event], rng: Rng, plan: Plan) -> None:
 
 
 def _put_clocks(events: list[Event], rng: Rng, *, calm: bool) -> None:
-    if rng.random() >= CLOCK_SHARE:
+    if rng.random() >= CLOCK_FRACTION:
         return
     for kind in ('clock_drifts', *('clock_set',) * int(rng.integers(0, 6))):
         at = int(rng.integers(len(events) + 1))
@@ -432,14 +434,14 @@ def _put_smoothing(events: list[Event], rng: Rng, *, calm: bool) -> None:
     if calm:
         return
     for ends in ('stop', 'cancel', 'goal', 'scale', 'driver_dies'):
-        if rng.random() < WORKER_SHARE:  # during its preparation or afterwards
+        if rng.random() < WORKER_FRACTION:  # during its preparation or afterwards
             _put(events, rng, ((1.0, 'mend', {}), (1.5, 'goal', {}), (1.0, ends, {})))
     _put_worker(events, rng, 'smoothing', 1.2)
 
 
 def _put_worker(events: list[Event], rng: Rng, which: str, most: float) -> None:
     for kind in ('worker_dies', 'worker_hangs'):
-        if rng.random() < WORKER_SHARE:
+        if rng.random() < WORKER_FRACTION:
             ends = (most, kind, {'which': which})
             _put(events, rng, ((1.0, 'mend', {}), (1.5, 'goal', FAR), ends))
 
@@ -447,18 +449,23 @@ def _put_worker(events: list[Event], rng: Rng, which: str, most: float) -> None:
 def smooth_profile(seed: str) -> str:
     """Return the profile of a smoothly moving controller for a seed's world, or ''."""
     rng = np.random.default_rng([int(seed.partition('.')[0]), 5])
-    return str(rng.choice(SMOOTH_PROFILES)) if rng.random() < SMOOTH_SHARE else ''
+    return str(rng.choice(SMOOTH_PROFILES)) if rng.random() < SMOOTH_FRACTION else ''
+
+
+def real_time(seed: str) -> bool:
+    """Return whether the world of a seed has Real-time Motion Control."""
+    rng = np.random.default_rng([int(seed.partition('.')[0]), 9])
+    return bool(rng.random() < REAL_TIME_FRACTION)
 
 
 def prepared(seed: str) -> str:
     """Return the node's smoothing of goals in a seed's world, or ''."""
     rng = np.random.default_rng([int(seed.partition('.')[0]), 7])
     how = str(rng.choice(['resample', 'resample', 'thin', 'time_optimal']))
-    return how if rng.random() < PREPARES_SHARE else ''
+    return how if rng.random() < PREPARES_FRACTION else ''
 
 
 def draw(rng: Rng, kinds: Collection[str]) -> Event:
-    """Draw one event of these kinds."""
     names = [kind for kind in KINDS if kind in kinds]
     weights = np.array([KINDS[kind][0] for kind in names])
     kind = str(rng.choice(names, p=weights / weights.sum()))
@@ -467,7 +474,6 @@ def draw(rng: Rng, kinds: Collection[str]) -> Event:
 
 
 def varied(events: list[Event], rng: Rng) -> list[Event]:
-    """Return a list with some events added, removed or at other times."""
     changed = list(events)
     for _ in range(int(rng.integers(1, 5))):
         at = int(rng.integers(len(changed) + 1))

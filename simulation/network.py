@@ -57,7 +57,6 @@ class Network:
         return listener
 
     def new_port(self) -> int:
-        """Return an unused port number."""
         self._next_port += 1
         return self._next_port
 
@@ -82,11 +81,9 @@ class Network:
         return own
 
     def stall(self, port: int) -> None:
-        """Block all data and new connections on a port."""
         self.stalled.add(port)
 
     def release(self, port: int) -> None:
-        """Deliver all data and connections that were blocked."""
         self.stalled.discard(port)
         for end in list(self.ends):
             end.flush()
@@ -121,17 +118,14 @@ class Listener:
         self._watch: tuple[Any, Callable[..., Any], tuple[Any, ...], Context] | None = None
 
     def watch(self, loop: Any, callback: Callable[..., Any], args: tuple[Any, ...]) -> None:
-        """Call for each waiting connection."""
         self._watch = (loop, callback, args, copy_context())
         for _ in self._queue:
             self._call()
 
     def forget(self) -> None:
-        """Stop calling."""
         self._watch = None
 
     def arrived(self, sock: 'Socket') -> None:
-        """Queue a connection."""
         self._queue.append(sock)
         self._call()
 
@@ -152,17 +146,13 @@ class Listener:
         return sock, (HOST, sock.number)
 
     def getsockname(self) -> tuple[str, int]:
-        """Return its address."""
         return HOST, self._port
 
-    def setsockopt(self, *_: Any) -> None:
-        """Accept every option."""
+    def setsockopt(self, *_: Any) -> None: ...
 
-    def setblocking(self, _flag: bool) -> None:
-        """Never block."""
+    def setblocking(self, _flag: bool) -> None: ...
 
     def close(self) -> None:
-        """Stop listening and refuse all waiting clients."""
         self._network.listeners.pop(self._port, None)
         for sock in self._queue:
             sock.close()
@@ -182,7 +172,6 @@ class Socket:
         self.number = number
 
     def attach(self, protocol: Any, loop: Any) -> 'End':
-        """Attach a protocol, and return the transport."""
         self.end.attach(protocol, loop, self)
         return self.end
 
@@ -192,11 +181,9 @@ class Socket:
             self.end.lingers = False
 
     def fileno(self) -> int:
-        """Return a number that is not a descriptor."""
         return -1 if self.end.is_closing() else self.number
 
     def close(self) -> None:
-        """Close the connection before it has been served."""
         self.end.vanish()
 
 
@@ -230,7 +217,6 @@ class End(asyncio.Transport):
         self._flushing = False
 
     def attach(self, protocol: Any, loop: Any, sock: Socket) -> None:
-        """Attach a protocol."""
         self._protocol, self._loop, self._socket = protocol, loop, sock
         self._context = copy_context()
         self.process = PROCESS.get()
@@ -242,7 +228,6 @@ class End(asyncio.Transport):
     # --- as a transport --------------------------------------------------------------------
 
     def write(self, data: Any) -> None:
-        """Send bytes."""
         if self._closing or self._gone or self._eof_sent or not data:
             return
         data = bytes(data)
@@ -256,21 +241,17 @@ class End(asyncio.Transport):
             self._protocol.pause_writing()
 
     def writelines(self, list_of_data: Any) -> None:
-        """Send a list of data in order."""
         self.write(b''.join(list_of_data))
 
     def write_eof(self) -> None:
-        """Send a FIN, and continue to read."""
         if not self._eof_sent and not self._closing:
             self._eof_sent = True
             self._send(None)
 
     def can_write_eof(self) -> bool:
-        """Return True."""
         return True
 
     def close(self) -> None:
-        """Close the connection after the data sent so far."""
         if not self._closing:
             self.write_eof()
             self._lose(None)
@@ -286,20 +267,16 @@ class End(asyncio.Transport):
             self._lose(None)
 
     def is_closing(self) -> bool:
-        """Return whether no more data can be sent."""
         return self._closing
 
     def pause_reading(self) -> None:
-        """Stop reading."""
         self._paused = True
 
     def resume_reading(self) -> None:
-        """Resume reading."""
         self._paused = False
         self.flush()
 
     def is_reading(self) -> bool:
-        """Return whether it is reading."""
         return not self._paused and not self._closing
 
     def get_write_buffer_size(self) -> int:
@@ -307,22 +284,17 @@ class End(asyncio.Transport):
         return max(self._under_way - BUFFER_BYTES, 0)
 
     def get_write_buffer_limits(self) -> tuple[int, int]:
-        """Return the low and the high water mark, bytes."""
         return HIGH_WATER_BYTES // 4, HIGH_WATER_BYTES
 
-    def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None:
-        """Ignore the limits: asyncio's defaults apply."""
+    def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None: ...
 
     def set_protocol(self, protocol: Any) -> None:
-        """Switch to another protocol."""
         self._protocol = protocol
 
     def get_protocol(self) -> Any:
-        """Return its protocol."""
         return self._protocol
 
     def get_extra_info(self, name: str, default: Any = None) -> Any:
-        """Return the socket, or one of the addresses."""
         number = self._socket.number if self._socket else 0
         ends = (HOST, self.port), (HOST, number)
         own, other = ends if self.at_server else ends[::-1]
@@ -331,7 +303,6 @@ class End(asyncio.Transport):
     # --- received data -----------------------------------------------------------------------
 
     def receive_eof(self) -> None:
-        """Receive a FIN as if the peer had sent it."""
         self._arrive(None)
 
     def receive_reset(self) -> None:

@@ -87,19 +87,16 @@ class Wishes:
     """Time of the last new request for motion, s. It may be over before the next step."""
 
     def goal(self, number: int, now: float) -> None:
-        """Record a wanted goal."""
         self.goals.add(number)
         self.asked = now
 
     def give_up(self, goals: Iterable[int], now: float) -> None:
-        """Record that no user wants these goals any more, since `now`."""
         for number in list(goals):
             if number in self.goals:
                 self.goals.discard(number)
                 self.given_up[number] = now
 
     def any(self, now: float) -> bool:
-        """Return whether any motion is requested."""
         followed = (topic.free and now - topic.wanted < HELD_S for topic in self.topics.values())
         return bool(self.goals) or self.person or any(followed)
 
@@ -158,11 +155,11 @@ class Arm:
         """Position of that rest, and the tolerance for it, rad, in each joint."""
         limits = controller.model.limits
         self._fastest = limits.velocity * (1.0 + 1e-6)
+        self._cycle = controller.profile.rtmc.cycle if controller.real_time else 0.0
         self._low, self._high = limits.position_min - 1e-9, limits.position_max + 1e-9
 
     @property
     def at(self) -> Array:
-        """Actual position, rad, shape (n,)."""
         actual: Array = self._controller.servo.actual
         return actual
 
@@ -180,7 +177,8 @@ class Arm:
         if commanded.tobytes() != before.tobytes():  # faster than an array's !=
             self._commanded = commanded.copy()
             way = np.abs(commanded - before)
-            if not (way <= self._fastest * seconds + 1e-9).all():  # also if it is not a number
+            span = max(seconds, self._cycle)  # real-time targets move the arm once per cycle
+            if not (way <= self._fastest * span + 1e-9).all():  # also if it is not a number
                 raise BrokenError(f'2: faster than its limit: {way / seconds}')
             if (commanded < self._low).any() or (commanded > self._high).any():
                 raise BrokenError(f'2: outside its limits: {commanded}')
@@ -273,7 +271,6 @@ class Writing:
     alone: bool = True
 
     def done(self) -> None:
-        """Record a successful answer."""
         self.answered = True
 
 
@@ -314,7 +311,6 @@ class Outputs:
 
     @contextmanager
     def reading(self, index: int) -> Iterator[set[int]]:
-        """Collect the values of an output during the block."""
         held = {self._values[index]}
         readers = self._readers.setdefault(index, [])
         readers.append(held)

@@ -8,7 +8,7 @@ The panel's real code decides which browser may move the arm. The page and ROS a
 import asyncio
 from collections.abc import Callable
 from contextvars import Context, copy_context
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -30,8 +30,7 @@ from epson_driver.panel.robot_state import (
 from epson_driver.panel.window import Window
 from epson_driver.robots import RobotModel
 from simulation.network import HOST, PROCESS
-from simulation.oracles import Wishes
-from simulation.virtual_loop import VirtualLoop
+from simulation.users import Users
 
 ALIVE_S, HELD_S, LOOK_S, REPORT_S = 0.3, 0.033, 0.04, 1.0
 """Periods, s: of the page's signs of life, of its requests while a button is pressed (panel.js,
@@ -44,41 +43,12 @@ INTENDED_S = 0.4
 """Age above which a request of the page no longer counts as wanted at the driver, s."""
 
 
-class ProgramEnvironment(Protocol):
-    """The parts of the world used by the panel. Answers and results are reported later."""
-
-    loop: VirtualLoop
-    rng: np.random.Generator
-    wishes: Wishes
-
-    @property
-    def gate(self) -> bool | None:
-        """Whether the driver reports an enabled arm. None: it reports nothing."""
-
-    def say(self, text: str) -> None:
-        """Write a line of the log."""
-
-    def request(self, name: str, say: Callable[[str], object]) -> None:
-        """Call a service."""
-
-    def hand_in(
-        self, trajectory: Trajectory, on_end: Callable[[int, Outcome], object], *, wanted: bool
-    ) -> int:
-        """Submit a goal and return its number."""
-
-    def cancel_goal(self, number: int) -> None:
-        """Cancel a goal."""
-
-    def jog(self, velocities: Array, *, wanted: bool) -> None:
-        """Send velocities."""
-
-
 class PlayedRobot:
     """The driver as the panel sees it over ROS: its reports, and the requests to it."""
 
     name = 'driver'
 
-    def __init__(self, world: ProgramEnvironment, model: RobotModel) -> None:
+    def __init__(self, users: Users, model: RobotModel) -> None:
         self.state = RobotState(joint_names=model.joint_names)
         self.parameters: dict[str, Any] = {
             'robot_model': model.name,
@@ -87,19 +57,17 @@ class PlayedRobot:
         }
         self.asked_at = 0.0
         """Time of the page's request that is being carried out, s."""
-        self._world = world
+        self._users = users
         self._goals: dict[int, bool] = {}
 
     def report(self) -> None:
-        """Deliver diagnostics and parameters, if the driver runs."""
-        now, gate = self._world.loop.time(), self._world.gate
+        now, gate = self._users.loop.time(), self._users.gate
         if gate is not None:
             self.state.gate_open = gate
             self.state.times |= {'diagnostics': now, 'parameters': now}
 
     def look(self, sample: Any, status: Any) -> None:
-        """Read the new messages of the topics."""
-        now, state = self._world.loop.time(), self.state
+        now, state = self._users.loop.time(), self.state
         if sample is not None:
             state.positions = sample.positions
             if not state.fresh('joints', now):
@@ -110,74 +78,65 @@ class PlayedRobot:
             state.times['status'] = now
 
     def log(self, text: str, _level: int) -> None:
-        """Write a line of the world's log."""
-        self._world.say(f'panel: {text}')
+        self._users.say(f'panel: {text}')
 
     def set_speed(self, factor: float, say: Say) -> None:
-        """Raise RequestError, because it is not simulated."""
         raise RequestError(f'speed {factor:g}: not played')
 
     def write_output(self, index: int, value: int, say: Say) -> None:
-        """Raise RequestError, because it is not simulated."""
         raise RequestError(f'output {index} = {value}: not played')
 
     def trigger(self, name: str, say: Say) -> None:
-        """Call a service. Raises RequestError without a driver."""
         self._serve(name)
 
         def answered(said: str) -> None:
             say(f'~/{name}: {said}', INFO if said.startswith('ok') else ERROR)
 
-        self._world.request(name, answered)
+        self._users.request(name, answered)
 
     def execute(self, trajectory: Trajectory, text: str, say: Say) -> None:
-        """Submit a goal. Raises RequestError without a driver."""
         self._serve(text)
 
         def ended(number: int, outcome: Outcome) -> None:
             self._goals.pop(number, None)
             say(f'{text}: {outcome.text}', INFO)
 
-        number = self._world.hand_in(trajectory, ended, wanted=self._intended)
+        number = self._users.hand_in(trajectory, ended, wanted=self._intended)
         self._goals[number] = True
 
     def jog(self, _names: Any, velocities: Array) -> None:
-        """Send velocities."""
-        self._world.jog(velocities, wanted=self._intended)
+        self._users.jog(velocities, wanted=self._intended)
 
     @property
     def goals(self) -> list[int]:
-        """The goals that have not ended."""
         return list(self._goals)
 
     def cancel_goals(self) -> list[int]:
-        """Cancel all goals and return them."""
         for number in self._goals:
-            self._world.cancel_goal(number)
+            self._users.cancel_goal(number)
         return self.goals
 
     def driver_died(self) -> None:
-        """Drop the goals."""
         self._goals.clear()
 
     def _serve(self, what: str) -> None:
-        if self._world.gate is None:
+        if self._users.gate is None:
             raise RequestError(f'no server for {what}')
 
     @property
     def _intended(self) -> bool:
-        return self._world.loop.time() - self.asked_at < INTENDED_S
+        return self._users.loop.time() - self.asked_at < INTENDED_S
 
 
 class PanelUser:
     """The panel and its user. Public methods are events of the world."""
 
-    def __init__(self, world: ProgramEnvironment, model: RobotModel) -> None:
-        self.robot = PlayedRobot(world, model)
+    def __init__(self, users: Users, model: RobotModel) -> None:
+        self.robot = PlayedRobot(users, model)
         self.control = RobotControl(
-            self.robot, lambda _host, _port: None, world.loop.time, allow_motion=True
+            self.robot, lambda _host, _port: None, users.loop.time, allow_motion=True
         )
-        self._world = world
+        self._users = users
         self._requests = Requests({})
         self._sample: Any = None
         self._status: Any = None
@@ -189,74 +148,63 @@ class PanelUser:
         self._tasks = [
             self._start(self._page, self._beat()),
             self._start(self._panel, self._look()),
-            world.loop.create_task(self._report()),
-            world.loop.create_task(self._watch()),
+            users.loop.create_task(self._report()),
+            users.loop.create_task(self._watch()),
         ]
 
     @property
     def armed(self) -> bool:
-        """Whether the page is armed."""
         return self.control.arming.holder is not None
 
     def close(self) -> None:
         """Close page and panel, which ends everything they have started."""
-        self._world.loop.go_on('page')
-        self._world.loop.go_on('panel')
+        self._users.loop.go_on('page')
+        self._users.loop.go_on('panel')
         for task in (self._finger, *self._tasks):
             if task is not None:
                 task.cancel()
         self.control.end()
 
     def take(self, sample: Any = None, status: Any = None) -> None:
-        """Receive a message published by the driver."""
         self._sample, self._status = sample or self._sample, status or self._status
 
     # --- events ------------------------------------------------------------------------------
 
     async def jog(self, arms: bool, axis: str, frame: str, share: float, seconds: float) -> None:
-        """Press a button for `seconds`."""
         self._arm_if(arms)
         self._release()
         self._finger = self._start(self._page, self._hold(axis, frame, share, seconds))
 
     async def step(self, arms: bool, axis: str, frame: str, share: float, size: float) -> None:
-        """Press a button for one step."""
         self._arm_if(arms)
         size = float(np.copysign(size, share))
         self._send('step', axis=axis, frame=frame, size=size, share=max(abs(share), 0.01))
 
     async def arm(self) -> None:
-        """Press Arm."""
         self._send('arm')
 
     async def enable(self) -> None:
-        """Press Enable."""
         self._send('enable')
 
     async def stop(self) -> None:
-        """Press Stop."""
         self._send('stop_one')
 
     async def disarm(self) -> None:
-        """Press Disarm."""
         self._send('disarm')
         self._leave()
 
     async def hangs(self, seconds: float) -> None:
-        """Pause the panel's process."""
-        self._hung_until = self._world.loop.time() + seconds
+        self._hung_until = self._users.loop.time() + seconds
         self._pause('panel', seconds)
 
     async def line_stalls(self, seconds: float) -> None:
         """Delay the page's messages and deliver them together."""
-        self._stalled_until = self._world.loop.time() + seconds
+        self._stalled_until = self._users.loop.time() + seconds
 
     async def page_freezes(self, seconds: float) -> None:
-        """Freeze the page for a while."""
         self._pause('page', seconds)
 
     async def page_closes(self) -> None:
-        """Close the page, and open another one."""
         self._release()
         self._leave()
         number = self._window.number
@@ -266,7 +214,7 @@ class PanelUser:
     # --- the page ----------------------------------------------------------------------------
 
     def _open(self) -> None:
-        self._window = window = Window(self._world.loop)
+        self._window = window = Window(self._users.loop)
         self._deliver(lambda: self.control.arming.connect(window.number))
         self._send_alive()
 
@@ -276,11 +224,11 @@ class PanelUser:
             await asyncio.sleep(ALIVE_S)
 
     def _send_alive(self) -> None:
-        self._alive_sent = self._world.loop.time()
+        self._alive_sent = self._users.loop.time()
         window, sent = self._window, self._alive_sent
 
         def alive() -> None:
-            window.late(sent, self._world.loop.time())
+            window.late(sent, self._users.loop.time())
             self.control.arming.alive(window.number)
 
         self._deliver(alive)
@@ -290,8 +238,8 @@ class PanelUser:
             self._send('arm')
 
     async def _hold(self, axis: str, frame: str, share: float, seconds: float) -> None:
-        ends = self._world.loop.time() + seconds
-        while self._world.loop.time() < ends:
+        ends = self._users.loop.time() + seconds
+        while self._users.loop.time() < ends:
             self._send('jog', axis=axis, frame=frame, share=share)
             await asyncio.sleep(HELD_S)
         self._finger = None
@@ -304,23 +252,21 @@ class PanelUser:
             self._send('jog', share=0)
 
     def _send(self, word: str, **parts: Any) -> None:
-        """Send a request, unless the page is frozen."""
-        if 'page' not in self._world.loop.hanging:
-            message = {'do': word, 'at': self._world.loop.time(), **parts}
+        if 'page' not in self._users.loop.hanging:
+            message = {'do': word, 'at': self._users.loop.time(), **parts}
             window = self._window
             self._deliver(lambda: self._received(window, message))
 
     def _deliver(self, call: Callable[[], object]) -> None:
-        loop = self._world.loop
-        arrival = loop.time() + float(self._world.rng.uniform(0.001, 0.03))
+        loop = self._users.loop
+        arrival = loop.time() + float(self._users.rng.uniform(0.001, 0.03))
         self._arrived = max(arrival, self._stalled_until, self._arrived + 1e-9)
         loop.call_at(self._arrived, call, context=self._panel)
 
     # --- the panel ---------------------------------------------------------------------------
 
     def _received(self, window: Window, message: dict[str, Any]) -> None:
-        """Carry out a window's request, as the panel does."""
-        late = window.late(message['at'], self._world.loop.time())
+        late = window.late(message['at'], self._users.loop.time())
         if late and message['do'] in ('jog', 'step'):
             return
         self.robot.asked_at = message['at']
@@ -348,28 +294,28 @@ class PanelUser:
         """Treat the panel's goals as unwanted once its page gives no sign of life."""
         while True:
             await asyncio.sleep(0.1)
-            now = self._world.loop.time()
+            now = self._users.loop.time()
             silent = now - max(self._alive_sent, self._hung_until - ALIVE_WITHIN_S)
             if silent > ALIVE_WITHIN_S + NOTICED_S:
-                self._world.wishes.give_up(self.robot.goals, now)
+                self._users.wishes.give_up(self.robot.goals, now)
 
     def _leave(self) -> None:
         """Treat the current goals as unwanted once the panel must have noticed."""
-        loop, goals = self._world.loop, self.robot.goals
+        loop, goals = self._users.loop, self.robot.goals
 
         def unwanted() -> None:
-            self._world.wishes.give_up(goals, loop.time())
+            self._users.wishes.give_up(goals, loop.time())
 
         seen = max(loop.time(), self._hung_until, self._stalled_until)
         loop.call_at(seen + ALIVE_WITHIN_S + NOTICED_S, unwanted)
 
     def _pause(self, process: str, seconds: float) -> None:
-        loop = self._world.loop
+        loop = self._users.loop
         loop.hang(process)
         loop.call_later(seconds, loop.go_on, process)
 
     def _start(self, context: Context, work: Any) -> asyncio.Task[None]:
-        task: asyncio.Task[None] = context.run(self._world.loop.create_task, work)
+        task: asyncio.Task[None] = context.run(self._users.loop.create_task, work)
         return task
 
 

@@ -22,7 +22,7 @@ from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal import Goal, GoalSettings
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
-from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
+from epson_driver.driver.goal.planning_cancellation import PlanningCancellation, PlanningEndedError
 from epson_driver.driver.io.io_client import IoAnswer
 from epson_driver.driver.io.points import IoUnavailableError
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
@@ -57,31 +57,26 @@ class DiedError(Exception):
     """The process died before it answered."""
 
 
-class ProgramEnvironment(Protocol):
+class WorldInterface(Protocol):
     """The parts of the world used by processes. It receives the driver's publications."""
 
     loop: VirtualLoop
 
-    def say(self, text: str) -> None:
-        """Write a line of the log."""
+    def say(self, text: str) -> None: ...
 
-    def process_over(self, task: 'asyncio.Task[None]') -> None:
-        """Judge how the work of a process ended."""
+    def process_over(self, task: 'asyncio.Task[None]') -> None: ...
 
-    def on_joints(self, sample: Any) -> None:
-        """Judge published joint positions."""
+    def on_joints(self, sample: Any) -> None: ...
 
-    def on_status(self, status: Status) -> None:
-        """Receive a status."""
+    def on_status(self, status: Status) -> None: ...
 
-    def on_link_state(self, name: str, why: str) -> None:
-        """Log a link state."""
+    def on_link_state(self, name: str, why: str) -> None: ...
 
 
 class Process:
     """A process from its start to its death. `lives` prevents garbage collection."""
 
-    def __init__(self, world: ProgramEnvironment, number: int) -> None:
+    def __init__(self, world: WorldInterface, number: int) -> None:
         self.name = f'driver {number}'
         self.context = copy_context()
         self.context.run(PROCESS.set, self.name)
@@ -90,22 +85,18 @@ class Process:
         self._world = world
 
     def die(self) -> None:
-        """Kill the process: none of its callbacks runs again."""
         self._world.loop.kill(self.name)
         if not self.died.done():
             self.died.set_result(None)
 
     @property
     def hangs(self) -> bool:
-        """Whether it is paused."""
         return self.name in self._world.loop.hanging
 
     def call(self, callback: Callable[[], object]) -> None:
-        """Run a callback of the process, once it is not paused."""
         self._world.loop.call_soon(callback, context=self.context)
 
     def begin(self, work: Coroutine[Any, Any, T]) -> 'asyncio.Task[T]':
-        """Start a task of the process."""
         task: asyncio.Task[T] = self.context.copy().run(self._world.loop.create_task, work)
         self.lives.append(task)
         return task
@@ -133,7 +124,7 @@ class NodeProcess(Process):
 
     def __init__(
         self,
-        world: ProgramEnvironment,
+        world: WorldInterface,
         number: int,
         configuration: Configuration,
         model: RobotModel,
@@ -145,14 +136,13 @@ class NodeProcess(Process):
         )
         self._commands = ArmCommands(self.driver)
         self._handles: dict[int, GoalHandle] = {}
-        self._plans: dict[int, PlanningScope] = {}
+        self._plans: dict[int, PlanningCancellation] = {}
         self._running = self.begin(self.driver.run())
         self._running.add_done_callback(world.process_over)
         self.lives.append(self.driver)
 
     @property
     def linked(self) -> bool:
-        """Whether it is connected to its controller."""
         driver = self.driver
         known = driver.robot.sample is not None and driver.robot.status is not None
         return known and all(link.connected for link in driver.links)
@@ -171,12 +161,10 @@ class NodeProcess(Process):
         self.die()
 
     async def command(self, name: str) -> str:
-        """Serve a service. Raises CommandError."""
         message: str = await getattr(self._commands, name)()
         return message
 
     def scale(self, factor: float) -> None:
-        """Set the speed scaling. Raises ValueError."""
         self.driver.goal_queue.set_speed(factor)
 
     def take(self, setpoint: Setpoint, received: int, missed: bool) -> None:
@@ -187,7 +175,6 @@ class NodeProcess(Process):
         self.driver.servo.take(setpoint, came_at(received), missed=missed)
 
     def hand_in(self, number: int, trajectory: Trajectory, on_end: OnEnd) -> None:
-        """Submit a goal."""
         self.call(partial(self._submit, number, trajectory, on_end))
 
     def _submit(self, number: int, trajectory: Trajectory, on_end: OnEnd) -> None:
@@ -203,7 +190,6 @@ class NodeProcess(Process):
         on_end(outcome, target)
 
     def cancel(self, number: int) -> bool:
-        """Cancel a goal."""
         self.call(partial(self._cancel, number))
         return True
 
@@ -262,11 +248,9 @@ class NodeProcess(Process):
         return lines
 
     async def read(self, index: int) -> int:
-        """Return the value of an output. Raises IoUnavailableError."""
         return _one(await self.driver.io.read([IoAddress(IoType.DIGITAL_OUTPUT, index)]))
 
     async def write(self, index: int, value: int) -> None:
-        """Set an output. Raises IoUnavailableError."""
         _one(await self.driver.io.write([IoSetting(IoType.DIGITAL_OUTPUT, index, value)]))
 
 
@@ -280,7 +264,7 @@ class RobotProcess(Process):
     """A program that uses the Python API. It creates a new Robot after a close or a loss."""
 
     def __init__(
-        self, world: ProgramEnvironment, number: int, make: Callable[[], Robot], model: RobotModel
+        self, world: WorldInterface, number: int, make: Callable[[], Robot], model: RobotModel
     ) -> None:
         super().__init__(world, number)
         self._make = make
@@ -334,12 +318,10 @@ class RobotProcess(Process):
             await robot.close()
 
     def come_back(self) -> None:
-        """Connect again."""
         if not self.linked and self._robot is None:
             self.begin(self._connect())
 
     async def command(self, name: str) -> str:
-        """Carry out a user's command. Raises RobotError."""
         self._asking += 1
         try:
             method = 'reset' if name == 'reset_error' else name
@@ -349,14 +331,12 @@ class RobotProcess(Process):
         return message
 
     def scale(self, factor: float) -> None:
-        """Set the speed. Raises ValueError."""
         try:
             self._there.set_speed_scaling(factor)
         except RobotError as error:
             raise ValueError(str(error)) from error
 
     def take(self, setpoint: Setpoint, _received: int, _missed: bool) -> None:
-        """Call `servo` or `servo_velocity`."""
         with contextlib.suppress(RobotError):
             if setpoint.positions is not None:
                 self._there.servo(setpoint.positions, setpoint.velocities)
@@ -364,7 +344,6 @@ class RobotProcess(Process):
                 self._there.servo_velocity(setpoint.velocities)
 
     def hand_in(self, number: int, trajectory: Trajectory, on_end: OnEnd) -> None:
-        """Start a motion to a point, or through several."""
         times, points = trajectory.times, trajectory.positions
 
         async def move() -> Any:
@@ -377,8 +356,6 @@ class RobotProcess(Process):
     def move_tool(
         self, number: int, ways: list[list[float]], blend: float, speed: float, on_end: OnEnd
     ) -> None:
-        """Start a motion of the tool."""
-
         async def move() -> Any:
             pose, poses = self._there.tool_pose, []
             for way in ways:
@@ -410,7 +387,6 @@ class RobotProcess(Process):
         on_end(Outcome(end, ErrorCode.SUCCESSFUL, text), target)
 
     def cancel(self, number: int) -> bool:
-        """Cancel a started motion, and return whether it exists."""
         motion = self._motions.get(number)
         if motion is None:
             return False
@@ -423,10 +399,8 @@ class RobotProcess(Process):
         return True
 
     async def read(self, index: int) -> int:
-        """Return the value of an output. Raises RobotError."""
         value: int = await self._there.io.read('DO', index)
         return value
 
     async def write(self, index: int, value: int) -> None:
-        """Set an output. Raises RobotError."""
         await self._there.io.write('DO', index, value)

@@ -54,11 +54,10 @@ IMPOSSIBLE = {'no number': np.nan, 'degrees': 57.3, 'huge': 1e308}
 class Hand(Protocol):
     """A person at the controller."""
 
-    def mend(self) -> None:
-        """Clear every cause that prevents motion."""
+    def mend(self) -> None: ...
 
 
-class ProgramEnvironment(Protocol):
+class WorldInterface(Protocol):
     """The parts of the world used by users."""
 
     loop: VirtualLoop
@@ -79,20 +78,17 @@ class ProgramEnvironment(Protocol):
     person: float
     """Reaction time of a person, s. STATUS has reached the driver by that time."""
 
-    def system_time(self) -> float:
-        """Return the system clock of the driver's machine, s."""
+    def system_time(self) -> float: ...
 
-    def say(self, text: str) -> None:
-        """Write a line of the log."""
+    def say(self, text: str) -> None: ...
 
-    def break_(self, error: BrokenError) -> None:
-        """Record a violation."""
+    def break_(self, error: BrokenError) -> None: ...
 
 
 class Users:
     """All users. Methods are events of the world, or requests of the panel."""
 
-    def __init__(self, world: ProgramEnvironment) -> None:
+    def __init__(self, world: WorldInterface) -> None:
         self.loop, self.rng, self.wishes, self.say = world.loop, world.rng, world.wishes, world.say
         self._world = world
         self.goals: dict[int, float] = {}
@@ -120,13 +116,11 @@ class Users:
         return self._world.process.gate
 
     def driver_died(self) -> None:
-        """Drop the goals of a process that is gone."""
         self.goals.clear()
 
     # --- goals -------------------------------------------------------------------------------
 
     async def goal(self, step: float, offsets: list[list[float]], from_here: bool) -> None:
-        """Submit a goal."""
         self.submit(np.array(offsets), step, from_here=from_here)
 
     def submit(
@@ -137,7 +131,6 @@ class Users:
         from_here: bool,
         on_end: Callable[[int, Outcome], object] = lambda *_: None,
     ) -> int:
-        """Submit a goal and return its number."""
         limits, at, start = self._world.limits, self._world.arm.at.copy(), self._world.start
         points: Array = np.clip(at + offsets, start - REACH_RAD, start + REACH_RAD)
         points = np.clip(points, limits.position_min, limits.position_max)
@@ -164,7 +157,6 @@ class Users:
         return number
 
     async def move_tool(self, ways: list[list[float]], blend: float, speed: float) -> None:
-        """Request lines of the tool."""
         number = self._want(0.0)
         ended = partial(self._ended, number, lambda *_: None)
         self._world.process.move_tool(number, ways, blend, speed, ended)
@@ -210,7 +202,6 @@ class Users:
             arm.rest(target, away)
 
     async def cancel(self) -> None:
-        """Cancel the newest goal."""
         if self.goals:
             self.cancel_goal(max(self.goals))
 
@@ -220,13 +211,10 @@ class Users:
             self.cancel_goal(number)
 
     def cancel_goal(self, number: int) -> None:
-        """Cancel a goal, which is then unwanted."""
         if self._world.process.cancel(number):
             self.wishes.give_up([number], self.loop.time())
 
     async def scale(self, factor: float) -> None:
-        """Set the speed scaling."""
-
         def change() -> None:
             try:
                 self._world.process.scale(factor)
@@ -238,25 +226,20 @@ class Users:
     # --- services ----------------------------------------------------------------------------
 
     async def stop(self) -> None:
-        """Call ~/stop."""
         self.request('stop')
 
     async def enable(self) -> None:
-        """Call ~/enable."""
         self.request('enable')
 
     async def mend(self) -> None:
-        """Clear every cause at the controller, and enable."""
         await asyncio.sleep(self._world.person)
         self._world.at_controller.mend()
         self.request('enable')
 
     async def disable(self) -> None:
-        """Call ~/disable."""
         self.request('disable')
 
     async def reset_error(self) -> None:
-        """Call ~/reset_error."""
         self.request('reset_error')
 
     def request(self, name: str, say: Callable[[str], object] = lambda _: None) -> None:
@@ -272,7 +255,6 @@ class Users:
         self.begin(answered(), f'~/{name}')
 
     async def asked(self, name: str) -> str:
-        """Request a service of the driver and return its answer."""
         process = self._world.process
         self.look_at_gate()
         self._enabling += name == 'enable'
@@ -351,7 +333,6 @@ class Users:
     async def stream(
         self, publisher: int, kind: str, speed: list[float], period: float, zero_each: int
     ) -> None:
-        """Start a publisher that sends setpoints until it is ended."""
         await self.end_stream(publisher)
         sending = self._send(kind, speed, period, zero_each)
         self.publishers[publisher] = self.loop.create_task(sending)
@@ -367,12 +348,10 @@ class Users:
     async def one_setpoint(
         self, publisher: int, kind: str, speed: list[float], period: float, zero_each: int
     ) -> None:
-        """Send one setpoint."""
         start = self._world.arm.at.copy()
         self._take(kind, np.array(speed), start, period * (publisher + zero_each))
 
     async def wrong_setpoint(self, kind: str, topic: str) -> None:
-        """Send one invalid setpoint."""
         at, wrong = self._world.arm.at.copy(), np.full(len(self._world.start), IMPOSSIBLE[kind])
         setpoint = Setpoint('~/servo', at, wrong)
         if topic == '~/joint_jog':
@@ -380,7 +359,6 @@ class Users:
         self._follow(setpoint)
 
     def _take(self, kind: str, speed: Any, begin: Any, time: float) -> None:
-        """Send a setpoint on the topic of its kind, or from a running program."""
         process = self._world.process
         if process.hangs and isinstance(process, RobotProcess):
             return
@@ -402,7 +380,6 @@ class Users:
         self._want_setpoint(setpoint, moves=moves)
 
     def jog(self, velocities: Array, *, wanted: bool) -> None:
-        """Send velocities from the panel."""
         moves = wanted and bool(np.any(velocities))
         self._want_setpoint(Setpoint('~/joint_jog', None, velocities), moves=moves)
 
@@ -441,13 +418,11 @@ class Users:
         process.call(partial(process.take, setpoint, received, missed))
 
     async def end_stream(self, publisher: int) -> None:
-        """Stop a publisher."""
         task = self.publishers.pop(publisher, None)
         if task is not None:
             task.cancel()
 
     def end_streams(self) -> None:
-        """Stop all publishers."""
         for task in self.publishers.values():
             task.cancel()
         self.publishers.clear()
@@ -455,8 +430,6 @@ class Users:
     # --- outputs -----------------------------------------------------------------------------
 
     async def read_output(self, index: int) -> None:
-        """Read an output."""
-
         async def read() -> None:
             process = self._world.process
             with self._world.outputs.reading(index) as held:
@@ -473,8 +446,6 @@ class Users:
         self.begin(read(), '~/read_io')
 
     async def write_output(self, index: int, value: int) -> None:
-        """Set an output."""
-
         async def write() -> None:
             process = self._world.process
             with self._world.outputs.writing(index, value) as writing:

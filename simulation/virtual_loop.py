@@ -47,7 +47,6 @@ class Call:
         self._when: float | None = None
 
     def at(self, when: float) -> 'Call':
-        """Set the time of the callback, s."""
         self._when = when
         return self
 
@@ -56,11 +55,9 @@ class Call:
         return self._when
 
     def cancel(self) -> None:
-        """Cancel the callback."""
         self.gone = True
 
     def cancelled(self) -> bool:
-        """Return whether it is cancelled."""
         return self.gone
 
 
@@ -112,7 +109,6 @@ class VirtualLoop(asyncio.BaseEventLoop):
         return drift.shows(self.now)
 
     def true_time(self) -> float:
-        """Return the virtual time, s, for any process."""
         return self.now
 
     def drift(self, process: str, rate: float) -> None:
@@ -155,7 +151,6 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self._take_away()
 
     def go_on(self, process: str) -> None:
-        """Run the overdue callbacks of a process, in their order."""
         self.hanging.discard(process)
         held, self._held = self._held, []
         for call in held:
@@ -184,7 +179,6 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self.close()
 
     def _take_away(self) -> None:
-        """Remove the callbacks of hanging and dead processes."""
         calls = [*self._ready, *(entry[2] for entry in sorted(self._scheduled))]
         self._ready.clear()
         self._scheduled.clear()
@@ -193,7 +187,6 @@ class VirtualLoop(asyncio.BaseEventLoop):
             self._add(call)
 
     def _add(self, call: Call) -> None:
-        """Add a callback for its process."""
         if self.hanging or self.dead:
             process = call.context.get(PROCESS, '')
             if process in self.hanging:
@@ -232,18 +225,15 @@ class VirtualLoop(asyncio.BaseEventLoop):
         sock: Socket | None = None,
         **_: Any,
     ) -> tuple[Any, Any]:
-        """Connect to a listening port of the network, or serve an accepted connection."""
         if sock is None:
             sock = await self.network.connect(host, port)
         protocol = protocol_factory()
         return sock.attach(protocol, self), protocol
 
     def add_reader(self, fd: Listener, callback: Callable[..., Any], *args: Any) -> None:  # type: ignore[override]
-        """Call when a client wants to connect to a listening port."""
         fd.watch(self, callback, args)
 
     def remove_reader(self, fd: Listener) -> None:  # type: ignore[override]
-        """Stop calling."""
         fd.forget()
 
     def run_in_executor(self, executor: Any, func: Callable[..., Any], *args: Any) -> Any:  # type: ignore[override]
@@ -259,7 +249,6 @@ class VirtualLoop(asyncio.BaseEventLoop):
     def call_soon(  # type: ignore[override]
         self, callback: Callable[..., Any], *args: Any, context: Context | None = None
     ) -> Call:
-        """Call in this turn, after all earlier requests."""
         call = Call(callback, args, context)
         self._add(call)
         return call
@@ -269,7 +258,6 @@ class VirtualLoop(asyncio.BaseEventLoop):
     def call_at(  # type: ignore[override]
         self, when: float, callback: Callable[..., Any], *args: Any, context: Context | None = None
     ) -> Call:
-        """Call at a time, s. Calls at the same time keep their order of request."""
         drift = self._drift
         if drift is not None and PROCESS.get() == drift.process:
             when = drift.true(when)
@@ -284,11 +272,9 @@ class VirtualLoop(asyncio.BaseEventLoop):
         *args: Any,
         context: Context | None = None,
     ) -> Call:
-        """Call after a time, s."""
         return self.call_at(self.time() + delay, callback, *args, context=context)
 
-    async def shutdown_default_executor(self, *_: Any) -> None:
-        """Do nothing: no executor exists."""
+    async def shutdown_default_executor(self, *_: Any) -> None: ...
 
 
 def _number(task: asyncio.Task[Any]) -> int:

@@ -44,7 +44,6 @@ class Worker:
         return self._ended.result() if self._ended.done() else None
 
     def write(self, data: bytes) -> None:
-        """Receive a value, and answer it later."""
         value = unpacked(data, {*PASSED_TYPES, JointLimits, Trajectory, Smoothing})
         self._loop.call_later(self._takes(), self._answer, packed(self._work(value)))
 
@@ -53,18 +52,15 @@ class Worker:
             self.stdout.feed_data(data)
 
     def kill(self) -> None:
-        """Exit like on SIGKILL."""
         self.end(-9)
 
     def end(self, code: int) -> None:
-        """End with an exit code."""
         if not self._ended.done():
             self._ended.set_result(code)
             self.stdout.feed_eof()
             self.stderr.feed_eof()
 
     async def wait(self) -> int:
-        """Wait until it has ended."""
         return await asyncio.shield(self._ended)
 
 
@@ -76,7 +72,6 @@ class Workers:
         self._last: dict[str, Worker] = {}
 
     async def start(self, module: str, _stderr: int | None = None) -> Worker:
-        """Start a worker."""
         await asyncio.sleep(STARTS_S)
         name = module.rpartition('.')[2].partition('_')[0]
         work, takes = WORKS[name]

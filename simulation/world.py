@@ -22,7 +22,7 @@ import numpy as np
 
 from epson_driver.aio import Robot, Settings
 from epson_driver.driver.configuration import Configuration
-from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.delivery.delivery import delivery_rules
 from epson_driver.driver.outcome import End, Outcome
 from epson_driver.driver.smoothing import (
     TIMEOUT_S,
@@ -36,20 +36,29 @@ from epson_driver.profiles.profile import (
     load_controller_profile,
 )
 from epson_driver.robots import load_robot_model
+from epson_driver.rtmc.feeder import Feeder
 from epson_driver.sim_controller.arm.planner_process import PlannerProcess
 from epson_driver.sim_controller.arm.streaming import Streaming
 from epson_driver.sim_controller.assembly import (
-    SpelSource,
     new_controller,
     profile_project,
     program_network,
 )
-from epson_driver.sim_controller.faults.faults import FaultError
+from epson_driver.sim_controller.faults.fault_kinds import FaultError
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
+from epson_driver.sim_controller.spel_host.spel_program import SpelSource
 from epson_driver.spel import Program, build
 from simulation.arm_limits import ArmLimits
 from simulation.at_controller import AtController
-from simulation.events import CALM_KINDS, KINDS, number_of, prepared, smooth_profile
+from simulation.dds_bus import DdsBus
+from simulation.events import (
+    CALM_KINDS,
+    KINDS,
+    number_of,
+    prepared,
+    real_time,
+    smooth_profile,
+)
 from simulation.events import Event as Happening
 from simulation.network import HOST, PROCESS, Network
 from simulation.oracles import Arm, BrokenError, Outputs, Wishes
@@ -75,13 +84,14 @@ points (docs/safety.md), at the speed that was set: at least 1 %."""
 SETTLE_OTHERS_S = 3.0
 STATE_PERIODS_S = (0.005, 0.02, 0.05, 0.05, 0.05)
 DELAYS_S = (0.0, 0.0005, 0.01, 0.05)
+REAL_TIME_DELAY_S = 0.0005
 PLANNING_S = (0.0, 0.05, 0.5)
 STATE_TIMEOUT_S = 1.0
 PERSON_S = 0.3
 """Minimum time for a person to find a remedy, s. It is longer at rarer STATUS."""
 
-PROGRAM_SHARE = 0.2
-"""Share of worlds in which a Python program replaces the node."""
+PROGRAM_FRACTION = 0.2
+"""Fraction of worlds in which a Python program replaces the node."""
 
 BRAKING_S = 1.0
 """Maximum time for an arm to notice a silent driver and to brake, s."""
@@ -123,31 +133,38 @@ class World:
         self.situations: set[tuple[str, str, str, str]] = set()
         self.broken: BrokenError | None = None
         drawn, smooth = str(self.rng.choice(PROFILES)), smooth_profile(seed)
+        self.real_time = real_time(seed)
+        if self.real_time:
+            drawn, smooth = 'rtmc', ''
         self.profile_name = smooth or drawn
         self.smooth = bool(smooth)
         self.profile: ControllerProfile = load_controller_profile(self.profile_name)
         program = self.profile.program
         self.statements = program.interface == 'statements'
         self.streams = (
-            program.interface == 'streaming' and program.point_message == 'joint_traj_pt'
+            program.interface in ('streaming', 'rtmc') and program.point_message == 'joint_traj_pt'
         )
         self.smoothing = _smoothing(prepared(seed), program)
         self.timed = self.profile_name not in OWN_PACE and not self.smoothing.time_optimal
         self.state_period = float(self.rng.choice(STATE_PERIODS_S))
-        if self.statements:
+        if not program.loaded:
             self.state_period = self.profile.state.period
         self.delay = float(self.rng.choice(DELAYS_S))
+        if self.real_time:  # each target is answered before the next one is sent
+            self.delay = min(self.delay, REAL_TIME_DELAY_S)
         status = 1 + self.profile.state.joint_positions_per_status
         self.person = max(PERSON_S, status * self.state_period + 3.0 * self.delay)
         self.rng.random()  # not used any more, but keeps the later draws of the known seeds
         self.remote = bool(self.profile.ports.remote) or bool(
             self.rng.random() < 0.4 and self.profile_name in ('simulated', 'spel')
         )
-        self.in_python = bool(self.rng.random() < PROGRAM_SHARE and program.smoothing == 'none')
+        self.in_python = bool(self.rng.random() < PROGRAM_FRACTION and program.smoothing == 'none')
         self.model = SLOW if self.smooth and not self.in_python else MODEL
         self.limits = self.model.limits
         self.network = Network(lambda: self.delay * (0.5 + self.rng.random()))
         self.loop = VirtualLoop(self.network, float(self.rng.choice(PLANNING_S)))
+        stalled = self.network.stalled
+        self.bus = DdsBus(self.network.delay, stalled.__contains__, self.loop.true_time)
         self.clock_off = 0.0
         """Offset of the system clock of the driver's machine, s."""
         self.workers = Workers(self.rng)
@@ -169,7 +186,6 @@ class World:
     # --- the world's course ----------------------------------------------------------------------
 
     def play(self, happenings: list[Happening]) -> None:
-        """Play the events. Raises BrokenError for a violation."""
         self.loop.set_exception_handler(self._on_exception)
         gc.disable()  # so that lost objects are collected at the same moment in every process
         logging.getLogger('epson_driver').addHandler(handler := _Errors(self.break_))
@@ -180,6 +196,8 @@ class World:
                 patch('time.time', self.system_time),
                 patch('time.monotonic', self.loop.time),
                 patch(f'{Streaming.__module__}.Smoother', self.arm_limits.smoother),
+                patch(f'{Feeder.__module__}.Smoother', self.arm_limits.smoother),
+                self.bus.used(),
                 patch(f'{PlannerProcess.__module__}.start_worker', self.workers.start),
                 patch(f'{SmoothingProcess.__module__}.start_worker', self.workers.start),
             ):
@@ -245,7 +263,12 @@ class World:
             spel=spel,
             seed=int(self.rng.integers(2**31)),
         )
-        self.servers = ControllerServers(self.controller, planner, spel and spel.network)
+        self.servers = ControllerServers(
+            self.controller,
+            planner,
+            spel and spel.network,
+            rtmc_port=0 if self.real_time else None,
+        )
         self.ports = await self.servers.open(HOST, Ports(0, 0, 0, 0))
         settle = SETTLE_S.get(self.profile_name, SETTLE_OTHERS_S)
         look = self.arm_limits.look
@@ -312,12 +335,10 @@ class World:
 
     @property
     def _at_work(self) -> int:
-        """Number of tasks and timers of the driver and its controller."""
         left = self.loop.left()
         return left['controller'] + left[self.process.name]
 
     async def _outcome(self) -> Outcome:
-        """Return the outcome of a small motion."""
         ended: list[Outcome] = []
         number = self.users.submit(
             np.array([[0.0, 0.0, 0.05, 0.0, 0.0, 0.0]]),
@@ -340,7 +361,6 @@ class World:
     # --- the driver's process --------------------------------------------------------------------
 
     def start_process(self) -> None:
-        """Start the process at the controller."""
         self._processes += 1
         if self.in_python:
             self.process = RobotProcess(self, self._processes, self._robot, self.model)
@@ -377,6 +397,7 @@ class World:
             delivery=delivery_rules(profile, program.interface, program.point_message),
             client_timeout=profile.server.client_timeout,
             motors=program.motors,
+            model=self.model.name,
             smoothing=self.smoothing,
         )
 
@@ -398,7 +419,6 @@ class World:
         self.users.held_up = self.loop.time()
 
     async def driver_dies(self, seconds: float) -> None:
-        """Kill the driver's process, and start it again after a while."""
         self.process.die()
         await self._gone(seconds)
 
@@ -431,11 +451,9 @@ class World:
         return self.loop.now + self.clock_off
 
     async def clock_set(self, seconds: float) -> None:
-        """Make the system clock of the driver's machine jump."""
         self.clock_off += seconds
 
     async def clock_drifts(self, rate: float) -> None:
-        """Run the controller's clock at a rate."""
         self.loop.drift('controller', rate)
 
     def process_over(self, task: asyncio.Task[None]) -> None:
@@ -447,7 +465,6 @@ class World:
             self.break_(BrokenError(f'9: a process ended: {error!r}'))
 
     def on_joints(self, sample: Any) -> None:
-        """Judge joint positions published by the driver."""
         if self.panel is not None:
             self.panel.take(sample=sample)
         try:
@@ -456,12 +473,10 @@ class World:
             self.break_(error)
 
     def on_status(self, status: Any) -> None:
-        """Forward a status to the panel."""
         if self.panel is not None:
             self.panel.take(status=status)
 
     def on_link_state(self, name: str, why: str) -> None:
-        """Log a link state."""
         if self.panel is not None:
             self.panel.robot.state.link = name
         self.say(f'link: {name}: {why}')
@@ -469,7 +484,6 @@ class World:
     # --- observations ----------------------------------------------------------------------------
 
     def say(self, text: str) -> None:
-        """Write a line of the log."""
         self.log.append(f'{self.loop.now:.6f} {text}')
 
     def _situation(self, happening: Happening) -> None:
@@ -491,7 +505,6 @@ class World:
         self.situations.add((kind, phase, users or 'nobody', self.profile_name))
 
     def break_(self, error: BrokenError) -> None:
-        """Record the first violation."""
         if self.broken is None and not self._over:
             self.broken = error
             self.say(f'BROKEN: {error}')
@@ -541,7 +554,6 @@ class _Errors(logging.Handler):
         self._found = found
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Report a record."""
         if record.exc_info:
             self._found(BrokenError(f'9: {record.getMessage()}: {record.exc_info[1]!r}'))
 
@@ -549,8 +561,7 @@ class _Errors(logging.Handler):
 IO_KINDS = ('read_output', 'write_output')
 
 
-async def _nobody(**_: Any) -> None:
-    """Do nothing: a Python program has no panel."""
+async def _nobody(**_: Any) -> None: ...
 
 
 def _act(kind: str) -> Callable[..., Awaitable[None]]:
@@ -570,7 +581,6 @@ ACTS = {kind: _act(kind) for kind in KINDS}
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Suppress all logging during the block."""
     logger = logging.getLogger('epson_driver')
     before = logger.propagate
     logger.propagate = False

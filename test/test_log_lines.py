@@ -96,7 +96,7 @@ def test_reason_has_no_address() -> None:
         (TimeoutError(), ''),
     ],
 )
-def test_reason_of_a_socket_error_is_its_text(error: Exception, text: str) -> None:
+def test_socket_error_is_logged_with_its_text(error: Exception, text: str) -> None:
     assert reason(error) == text
 
 

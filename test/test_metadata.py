@@ -13,9 +13,8 @@ import yaml
 from catkin_pkg.package import parse_package
 
 ROOT = Path(__file__).parents[1]
-MANIFESTS = sorted(
-    path for path in ROOT.glob('**/package.xml') if not {'.venv', 'build'} & set(path.parts)
-)
+MANIFESTS = [ROOT / 'package.xml', *sorted(ROOT.glob('interfaces/*/package.xml'))]
+MANIFESTS += sorted(ROOT.glob('variants/*/package.xml'))
 COPIES = ('control_msgs', 'industrial_msgs', 'tf2_msgs')
 """Copied packages, with the versions of the originals."""
 

@@ -17,7 +17,6 @@ from epson_driver.profiles import load_controller_profile
 from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.sim_controller.assembly import (
-    SpelSource,
     new_controller,
     profile_project,
     program_network,
@@ -25,6 +24,7 @@ from epson_driver.sim_controller.assembly import (
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.remote.remote_commands import COMMANDS
 from epson_driver.sim_controller.remote.sim_commands import SIM_COMMANDS
+from epson_driver.sim_controller.spel_host.spel_program import SpelSource
 from epson_driver.simple_message import FrameError
 from epson_driver.spel import Program, build
 

@@ -25,7 +25,7 @@ from benchmark.fuzz.cases import Case, FoundError, Step
 from benchmark.fuzz.memory_loop import MemoryLoop, MemoryTransport
 from benchmark.fuzz.messages import Chance
 from epson_driver.driver.arm_commands import CommandError
-from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.delivery.delivery import delivery_rules
 from epson_driver.driver.io.points import IoUnavailableError
 from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.profiles import load_controller_profile

@@ -240,10 +240,10 @@ def panel(inputs: int, seed: int) -> Figures:
         from epson_driver.panel.web_server import WebServer
     except ImportError:  # the panel is not installed
         return figures
-    visitors = _Visitors(message_of)
+    listener = _Listener(message_of)
     chance, server = (
         random.Random(f'{seed}/panel'),
-        WebServer(HERE, 0, None, visitors, visitors.fail),
+        WebServer(HERE, 0, None, listener, listener.fail),
     )
     began = time.monotonic()
     try:
@@ -265,7 +265,7 @@ def panel(inputs: int, seed: int) -> Figures:
         connection.close()
         if not server.alive:
             figures.found.append('the thread that serves the page has ended')
-        figures.found += [f'{what}: {error!r}' for what, error in visitors.failed]
+        figures.found += [f'{what}: {error!r}' for what, error in listener.failed]
     except (OSError, http.client.HTTPException) as error:
         figures.found.append(f'the page does not answer afterwards: {error}')
     finally:
@@ -274,17 +274,17 @@ def panel(inputs: int, seed: int) -> Figures:
     return figures
 
 
-class _Visitors:
+class _Listener:
     """Decodes the windows' messages, and records failures."""
 
     def __init__(self, read: Callable[[str | bytes], object]) -> None:
         self.failed: list[tuple[str, BaseException]] = []
         self._read = read
 
-    def came(self, window: Any) -> None:
+    def add(self, window: Any) -> None:
         """Ignore the window."""
 
-    def gone(self, window: Any) -> None:
+    def remove(self, window: Any) -> None:
         """Ignore the window."""
 
     def received(self, _window: Any, text: str | bytes) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The part of a Robot that does not move the arm: measured state, tool, frames and poses."""
+"""The members of a Robot that do not move the arm: measured state, tool, frames and poses."""
 
 import asyncio
 from collections.abc import Callable
@@ -28,7 +28,7 @@ T = TypeVar('T')
 
 
 class Arm(Unique):
-    """Measured state, tool and frames of an arm. Robot inherits all members."""
+    """Measured state, tool and frames of an arm. Robot inherits all of these members."""
 
     def __init__(self, setup: 'Setup') -> None:
         from epson_driver.api.connection import Connection
@@ -46,7 +46,7 @@ class Arm(Unique):
 
     @property
     def status(self) -> RobotStatus:
-        """State of arm and controller, also while a link is down."""
+        """State of the arm and its controller. It is available even while a link is down."""
         return self._connection.status
 
     @property
@@ -60,7 +60,7 @@ class Arm(Unique):
         return self._connection.sample().velocities.copy()
 
     def sample(self) -> Sample:
-        """Return the newest sample: joints, time and state. Raises RobotError if it is stale."""
+        """Return the newest sample: joints, time and state. Raises RobotError if this is stale."""
         return self._connection.stamped(self._connection.sample())
 
     @property
@@ -96,7 +96,7 @@ class Arm(Unique):
         return EpsonPoint.of(self.pose_in(BASE))
 
     def _taught(self) -> tuple[EpsonPoint, Posture | str]:
-        """Return the tool's pose, and the arm's posture or the reason why it is unknown."""
+        """Return the tool's pose, and the arm's posture or the reason why this is unknown."""
         return taught(self._hand[1], self._connection.sample().positions)
 
     @checked_arguments
@@ -124,10 +124,11 @@ class Arm(Unique):
     ) -> None:
         """Set the tool (TCP) for lines, arcs and poses. The default is the flange.
 
-        pose: in the flange (tool0), in any form accepted by `move_line`. max_speed, m/s, and
-        max_acceleration, m/s²: a line, arc or path that exceeds them is rejected. None: no limit.
-        They do not apply to joint moves. A running motion is unaffected. Raises ArgumentError if
-        an argument is invalid.
+        * pose: the tool in the flange (tool0), in any form that `move_line` accepts.
+        * max_speed, max_acceleration: limits of the tool, m/s and m/s². A line, arc or path that
+          exceeds one of them is rejected. None: no limit. Joint moves are not checked.
+
+        A running motion is not affected. Raises ArgumentError if an argument is invalid.
         """
         tool = checked_tool(pose, max_speed, max_acceleration)
         self._hand = (tool, Kinematics(self.model, tool.pose))
@@ -141,12 +142,13 @@ class Arm(Unique):
     ) -> None:
         """Set the payload (tool and part) that is sent to the controller from the next motion on.
 
-        The arguments match geometry_msgs/Inertia in the flange (tool0). The SPEL+ settings Weight
-        and Inertia are derived from them.
+        The arguments correspond to geometry_msgs/Inertia in the flange (tool0). The SPEL+ settings
+        Weight and Inertia are computed from them.
 
-        * mass: kg.
+        * mass: mass of tool and part, kg.
         * center: center of mass, shape (3,), m.
-        * inertia: about the center of mass, kg m²: ixx ixy ixz iyy iyz izz, or a (3, 3) matrix.
+        * inertia: moments about the center of mass, kg m²: ixx ixy ixz iyy iyz izz, or a (3, 3)
+          matrix.
 
         Raises ArgumentError if an argument is invalid, RobotError if the controller's program sets
         the payload.
@@ -169,8 +171,8 @@ class Arm(Unique):
     ) -> 'Array':
         """Return joint positions, shape (n,), rad (m), that bring the tool to a pose.
 
-        pose, frame: see `move_line`. near: joint positions, shape (n,), to which the solution is
-        nearest. None: the measured joints. Raises PathError if the pose is out of reach,
+        pose, frame: see `move_line`. near: joint positions, shape (n,). The result is the solution
+        nearest to them. None: the measured joints. Raises PathError if the pose is out of reach,
         ArgumentError if an argument is invalid, RobotError if the measured joints are stale.
         """
         if near is None:
@@ -196,18 +198,18 @@ class Arm(Unique):
 
     @checked_arguments
     def set_frame(self, name: str, pose: 'Pose', *, parent: str | None = None) -> None:
-        """Set a named frame by its pose in another frame, in any form accepted by `move_line`.
+        """Set a named frame by its pose in another frame, in any form that `move_line` accepts.
 
-        parent: the other frame, any `frame` of `move_line` except 'tool'. A later change of the
-        parent does not move this frame. Raises ArgumentError if an argument is invalid.
+        parent: the other frame. It may be any `frame` of `move_line` except 'tool'. A later change
+        of the parent does not move this frame. Raises ArgumentError if an argument is invalid.
         """
         self._frames.set(name, pose, parent)
 
     async def catch_up(self) -> None:
         """Process received messages until the joints are fresh, for at most half a second.
 
-        Newer joints may be waiting after the program has blocked the event loop, or on a busy
-        machine.
+        Call it before reading joints if the program has blocked the event loop, or if the machine
+        is busy, because newer joints may be waiting.
         """
         await self._connection.wait_for_fresh_state()
 
@@ -215,8 +217,8 @@ class Arm(Unique):
     async def measured(self, read: Callable[[], T]) -> T:
         """Call `catch_up`, then return the result of `read`.
 
-        Example: `await robot.measured(lambda: robot.joints)`. A delay of this process after
-        `catch_up` does not make the joints stale.
+        Example: `await robot.measured(lambda: robot.joints)`. The joints do not become stale if
+        this process is delayed between `catch_up` and `read`.
         """
         return await self._connection.measured(read)
 
@@ -224,7 +226,7 @@ class Arm(Unique):
     async def wait_until(
         self, condition: Callable[[Sample], bool], timeout: float | None = None
     ) -> Sample:
-        """Wait until a condition holds for a sample, and return that sample.
+        """Wait for a sample that meets a condition, and return that sample.
 
         Raises TimeoutError after `timeout` s, RobotError if the joints become stale.
         """

@@ -3,7 +3,8 @@
 """Connection of a Python Robot to its controller. It runs a driver from `connect` to `close`.
 
 All calls of the public classes pass through a Connection. It checks that the driver is connected,
-that the joints are fresh, and that nothing else moves the arm. `close` stops the arm first.
+that the joints are fresh, and that no other motion runs. `close` stops the arm before it
+disconnects.
 """
 
 import asyncio
@@ -14,20 +15,22 @@ from dataclasses import replace
 from typing import Any, BinaryIO, TypeVar
 
 from epson_driver.api.driver_status import Changes, robot_status
-from epson_driver.api.errors import RobotError, not_started, refusals
+from epson_driver.api.errors import WORDS, RobotError, not_started, refusals
 from epson_driver.api.motion import CheckedPath, Motion
 from epson_driver.api.moves import divided
-from epson_driver.api.ownership import Process, close_soon, release, take_over
+from epson_driver.api.ownership import Page, Process, close_soon, release, take_over
 from epson_driver.api.simulation import SimulatedController
 from epson_driver.api.status import RobotStatus, Sample
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.delivery.statements import NO_PLANS, Load, StatementDelivery
 from epson_driver.driver.driver import Driver
-from epson_driver.driver.goal.planning_scope import PlanningScope
+from epson_driver.driver.goal.planning_cancellation import PlanningCancellation
 from epson_driver.driver.inhibit import Purpose
 from epson_driver.driver.io.gripper import Gripper as DrivenGripper
+from epson_driver.driver.remedy import with_remedy
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import Notification, report_error, wait_for_fresh_state
+from epson_driver.driver.why_not import link_remedy
 from epson_driver.link import Link
 from epson_driver.link.link_reports import MAX_SHORT, TURNED_AWAY
 from epson_driver.motion import Array, Trajectory
@@ -36,11 +39,11 @@ from epson_driver.simple_message import Status
 from epson_driver.trace import TraceError, open_trace
 
 FRESH_POSE_TIMEOUT_S = 0.5
-"""Time to wait for newer joints if the received ones are stale, s."""
+"""Maximum time to wait for newer joints if the received joints are stale, s."""
 
 CHECKS, CHECK_PERIOD_S = 5, 0.1
-"""Number of consecutive checks that a stable link must pass, and their period, s. Checks are
-counted instead of measuring the time, because a delayed process checks less often."""
+"""Number of consecutive checks that a stable link must pass, and the period of the checks, s. The
+checks are counted, and no time is measured, because a delayed process checks less often."""
 
 T = TypeVar('T')
 
@@ -48,17 +51,14 @@ _log = logging.getLogger(__name__)
 
 
 class Connection:
-    """The connection of one Robot to its controller. It runs in the event loop of `connect`.
+    """The connection of one Robot to its controller. It runs in the loop that called `connect`."""
 
-    simulation: a controller that `connect` starts and `close` stops. It may be set later.
-    """
-
-    def __init__(self, setup: Setup, simulation: SimulatedController | None = None) -> None:
-        self._setup = setup
-        self.simulation = simulation
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
+        self.simulation: SimulatedController | None = None  # started by connect, ended by close
         self.driver: Driver | None = None
+        self.page: Page | None = None
         self.task: asyncio.Task[None] | None = None
-        """Task that runs the driver while connected."""
         self.loop: asyncio.AbstractEventLoop
         """Event loop that called `connect`."""
         self._process = Process()
@@ -69,15 +69,19 @@ class Connection:
         self._received = Notification()
         self._link_reason = 'not connected yet'
         self._moment: float | None = None
-        """Loop time, s, at which `sample` judges the age of joints. None: the current time."""
+        """Loop time at which `sample` checks the age of joints, s. None: the current time."""
         errors = setup.configuration.errors
         assert errors is not None  # noqa: S101 - for the type checker: make_setup loads them
         self.changes = Changes(self.callback_failed, errors)
 
     @property
     def running(self) -> Driver:
-        """The driver. Raises RobotError when not connected, or if the driver has ended."""
         return self._connected()[0]
+
+    @property
+    def commands(self) -> ArmCommands:
+        """The driver's commands. Raises RobotError if not connected."""
+        return self._connected()[1]
 
     @property
     def status(self) -> RobotStatus:
@@ -88,29 +92,25 @@ class Connection:
 
     @property
     def summary(self) -> str:
-        """State of arm and controller as a clause, also when not connected."""
         return 'not connected' if self.driver is None else self.status.text
 
     @property
     def simulated(self) -> int:
-        """Remote port of the simulated controller. Raises RobotError if it is not simulated."""
         if self.simulation is None:
-            raise RobotError('this controller is not simulated: Robot.simulated() has one that is')
+            raise RobotError(
+                'this Robot did not start its controller: use Robot.simulated(), or `epson_driver '
+                'pendant` for a running sim_controller'
+            )
         return self.running.configuration.remote_port
 
     @property
     def gripper(self) -> DrivenGripper | None:
-        """The gripper, or None if none is configured. Raises RobotError if no driver runs."""
         self._connected()
         return self._gripper
 
     # --- from connecting to closing ---------------------------------------------------------
 
     async def connect(self, timeout: float) -> None:
-        """Connect, and wait until the controller has reported its state and the joint positions.
-
-        Raises RobotError, which lists the missing parts, if they are incomplete after `timeout` s.
-        """
         self._process.check()
         if self._stranded:
             self.task = None
@@ -118,7 +118,7 @@ class Connection:
             raise RobotError('the robot is already connected')
         self.loop = asyncio.get_running_loop()
         self._lost = False
-        setup = self._setup
+        setup = self.setup
         try:
             if self.simulation is not None:
                 ports: dict[str, Any] = await self.simulation.start()
@@ -145,17 +145,19 @@ class Connection:
             raise
 
     async def close(self) -> None:
-        """Stop the arm, disable it, and disconnect. Do nothing if not connected."""
         if self._process.forked or self._stranded:
             self.task = None
             return
         if self.task is not None:
             self._check_loop()
         task, driver, commands = self.task, self.driver, self._commands
+        page, self.page = self.page, None
+        closing = asyncio.create_task(asyncio.sleep(0) if page is None else page.close())
         try:
             if task is not None and driver is not None and commands is not None:
                 if not task.done():
                     await self._stop_before_leaving(driver, commands)
+                    await closing  # no other task may enable the arm again
                     await driver.shut_down()
                 task.cancel()
                 ended = await asyncio.gather(task, return_exceptions=True)
@@ -168,16 +170,16 @@ class Connection:
             self._link_reason = 'the connection was closed'
             self.changes.recorded.clear()
             release(self)
+            await closing
             if self.simulation is not None:
                 await self.simulation.close()
 
     def lost(self) -> None:
-        """Schedule `close_lost` after the Robot was garbage-collected. Callable in any thread."""
+        """Schedule `close_lost` after the Robot was garbage-collected. Any thread may call it."""
         if self.task is not None:
             close_soon(self.loop, self._process, self.close_lost)
 
     async def close_lost(self) -> None:
-        """Close the connection after its Robot was garbage-collected."""
         if self.task is None or self._lost:
             return
         self._lost = True
@@ -187,7 +189,6 @@ class Connection:
 
     @property
     def files(self) -> list[int]:
-        """File descriptors of the open sockets and pipes."""
         driver, simulation = self.driver, self.simulation
         links = [] if driver is None else [*driver.links, driver.io.link]
         sockets = [
@@ -196,7 +197,7 @@ class Connection:
         return [socket.fileno() for socket in sockets] + (simulation.files if simulation else [])
 
     async def _open_trace(self) -> BinaryIO | None:
-        folder, name = (self._setup.values[f'trace_{item}'] for item in ('folder', 'file'))
+        folder, name = (self.setup.values[f'trace_{item}'] for item in ('folder', 'file'))
         try:
             return await asyncio.to_thread(open_trace, folder, name) if name else None
         except TraceError as error:
@@ -210,10 +211,10 @@ class Connection:
             raise RobotError('another Robot of this program is connected: close() it') from error
 
     async def _wait_until_ready(self, driver: Driver, timeout: float) -> None:
-        """Wait until nothing is missing and the links are stable.
+        """Wait until all parts are ready and the links are stable.
 
-        Stability matters because a controller that serves only one client accepts a second one,
-        but disconnects it immediately.
+        A link may be unstable, because a controller that serves only one client accepts a second
+        client and disconnects it immediately.
         """
         links = driver.links
         try:
@@ -237,15 +238,12 @@ class Connection:
             raise RobotError(f'not ready within {timeout:g} s: {"; ".join(missing)}') from error
 
     def _missing(self, driver: Driver) -> list[str]:
-        """Return what `connect` still waits for, each as a clause with its remedy."""
         down = [link for link in driver.links if not link.connected]
         missing = []
         if down:
             verb = 'is' if len(down) == 1 else 'are'
-            missing.append(
-                f'the {_named(down)} {verb} not connected ({self._link_reason}): start the '
-                'controller, or check host and ports'
-            )
+            text = f'the {_named(down)} {verb} not connected ({self._link_reason})'
+            missing.append(f'{text}: {with_remedy("", link_remedy(down[0]), WORDS)}')
         if driver.state_link in down:
             return missing
         now = asyncio.get_running_loop().time()
@@ -276,7 +274,6 @@ class Connection:
 
     @property
     def _stranded(self) -> bool:
-        """Whether the event loop of the connection has been closed, which also ends its links."""
         return self.task is not None and self.loop.is_closed()
 
     def _check_loop(self) -> None:
@@ -287,14 +284,14 @@ class Connection:
     # --- the pose ---------------------------------------------------------------------------
 
     async def wait_for_fresh_state(self) -> float:
-        """Wait for fresh joints. Return the loop time, s, at which to judge their age."""
+        """Wait for fresh joints. Return the loop time at which to check their age, s."""
         driver = self.running
         return await wait_for_fresh_state(driver.robot.stale, self._received, FRESH_POSE_TIMEOUT_S)
 
     async def measured(self, read: Callable[[], T]) -> T:
         """Wait for fresh joints, then return the result of `read`.
 
-        `sample` ignores the time after this wait, so a delay does not make the joints stale.
+        A delay between the wait and `read` does not make the joints stale.
         """
         self._moment = await self.wait_for_fresh_state()
         try:
@@ -303,7 +300,6 @@ class Connection:
             self._moment = None
 
     async def next_joints(self) -> None:
-        """Wait for the next joints, STATUS, or change of a link."""
         await self._received.wait()
 
     def sample(self) -> JointSample:
@@ -316,7 +312,6 @@ class Connection:
         return driver.robot.sample
 
     def stamped(self, joints: JointSample) -> Sample:
-        """Return a joint sample of the driver as a Sample of the API, with the robot's state."""
         ago = self.loop.time() - joints.measured
         return Sample(
             joints.positions.copy(), joints.velocities.copy(), time.time() - ago, self.status
@@ -325,18 +320,16 @@ class Connection:
     # --- commands and motions ---------------------------------------------------------------
 
     async def command(self, command: Callable[[ArmCommands], Coroutine[Any, Any, str]]) -> str:
-        """Run a command and return its message. Raises RobotError if it fails."""
-        _, commands = self._connected()
+        commands = self.commands
         try:
             return await command(commands)
         except CommandError as error:
-            raise RobotError(str(error), error.remedy) from error
+            raise RobotError(with_remedy(str(error), error.remedy, WORDS)) from error
 
-    async def ready(self) -> tuple[Array, PlanningScope]:
+    async def ready(self) -> tuple[Array, PlanningCancellation]:
         """Return the joint positions, shape (n,), and a scope for planning a motion from them.
 
-        A stop, or any other event that inhibits motion, cancels the scope. Raises MotionError if
-        no motion may start now.
+        A stop, or any other event that inhibits motion, cancels the scope.
         """
         driver = self.running
         now = asyncio.get_running_loop().time()
@@ -353,7 +346,7 @@ class Connection:
     async def execute(
         self,
         trajectory: Trajectory,
-        plan: PlanningScope,
+        plan: PlanningCancellation,
         *,
         wait: bool,
         path: CheckedPath | None = None,
@@ -361,11 +354,9 @@ class Connection:
     ) -> Motion:
         """Start a motion. With `wait`, wait until it ends, and stop it if the task is cancelled.
 
-        * path: for checking the tool's accuracy (see CheckedPath).
-        * move: builds the SPEL+ statement for a controller that accepts no points. None: the
-          motion cannot be a statement.
-
-        Raises MotionError if the motion was canceled during planning, is rejected, or fails.
+        * path: path of the tool, with which its accuracy is checked, or None.
+        * move: function that builds the SPEL+ statement for a controller that accepts no points.
+          None: no statement can express the motion.
         """
         driver = self.running
         sample, statement = driver.robot.sample, None
@@ -375,15 +366,14 @@ class Connection:
             statement = move(driver.statements)
         elif sample is not None:
             trajectory = divided(trajectory, sample.positions)
-        motion = Motion(driver.goal_queue, self._setup.goal(trajectory, statement), plan, path)
+        motion = Motion(driver.goal_queue, self.setup.goal(trajectory, statement), plan, path)
         motion.start()
         if wait:
             await motion.finish()
         return motion
 
     def set_load(self, load: Load) -> None:
-        """Set the payload of all motions. Raises RobotError if the controller accepts none."""
-        if not self._setup.configuration.statements:
+        if not self.setup.configuration.statements:
             raise RobotError(
                 'this kind of controller accepts no payload: set Weight and Inertia in '
                 'its program, or in RC+'
@@ -393,7 +383,6 @@ class Connection:
             self.driver.statements.load = load
 
     def set_speed_scaling(self, factor: float) -> None:
-        """Set the speed scaling of motions. Raises RobotError if the controller rejects it."""
         try:
             self.running.goal_queue.set_speed(factor)
         except ValueError as error:
@@ -402,26 +391,22 @@ class Connection:
     # --- from the driver (DriverEvents) -----------------------------------------------------
 
     def on_joints(self, sample: JointSample) -> None:
-        """Notify waiters and callbacks of new joints."""
         self._received.notify_all()
         self.changes.recorded.call(sample)
         if self.changes.joints.registered:
             self.changes.joints.call(self.stamped(sample))
 
     def on_status(self, status: Status) -> None:
-        """Notify waiters and callbacks of a STATUS."""
         self._received.notify_all()
         self.changes.update(status)
 
     def on_link_state(self, name: str, why: str) -> None:
-        """Notify waiters and callbacks of a changed link state."""
         if name in ('backing_off', 'disconnected'):
             self._link_reason = why
         self._received.notify_all()
         self.changes.link.call(name, why)
 
     def callback_failed_elsewhere(self, error: Exception) -> None:
-        """Call `callback_failed` from a thread other than the event loop's."""
         if self.task is None:
             _log.error('a callback failed (there is no connection)', exc_info=error)
         else:
@@ -429,7 +414,10 @@ class Connection:
 
     def callback_failed(self, error: Exception) -> None:
         """Report an exception in a user's callback, and stop and disable the arm."""
-        why = f'a callback failed: {type(error).__name__}: {error}'
+        self.failed(f'a callback failed: {type(error).__name__}: {error}', error)
+
+    def failed(self, why: str, error: Exception) -> None:
+        """Report an unexpected exception, and stop and disable the arm."""
         report_error(why, error)
         if self.driver is not None:
             self.driver.fault(why)
@@ -440,5 +428,4 @@ def _named(links: list[Link]) -> str:
 
 
 def _count(link: Link) -> int:
-    """Return the number of connections of a link."""
     return link.statistics.connections

@@ -8,8 +8,8 @@ from typing import Generic, ParamSpec
 from epson_driver.api.errors import WORDS
 from epson_driver.api.status import ControllerError, RobotStatus, Sample
 from epson_driver.driver.driver import Driver
-from epson_driver.driver.inhibit import Purpose
-from epson_driver.driver.remedy import Remedy, with_remedy
+from epson_driver.driver.inhibit import Cause, Purpose
+from epson_driver.driver.remedy import with_remedy
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.simple_message import Mode, Status, TriState
@@ -19,7 +19,6 @@ _MODES = {int(Mode.MANUAL): 'manual', int(Mode.AUTO): 'auto'}
 
 
 def controller_error(status: Status, texts: ErrorTexts) -> ControllerError | None:
-    """Return the error that a STATUS reports, or None if it reports no error."""
     if not status.error_code and status.in_error != TriState.TRUE:
         return None
     number = status.error_code
@@ -27,7 +26,7 @@ def controller_error(status: Status, texts: ErrorTexts) -> ControllerError | Non
 
 
 def robot_status(driver: Driver, now: float, link_reason: str) -> RobotStatus:
-    """Return the state of a driver at loop time `now`, s. `link_reason`: why a link is down."""
+    """Return a driver's state at the loop time `now`, s. `link_reason`: why a link is down."""
     status = driver.robot.status or Status()
     text = 'the arm is moving' if driver.goal_queue.busy else 'the arm is enabled'
     remedy = ''
@@ -38,7 +37,7 @@ def robot_status(driver: Driver, now: float, link_reason: str) -> RobotStatus:
         remedy = 'call set_speed_scaling(1.0)'
     if (result := driver.why_not(Purpose.REPORT, now)) is not None:
         text, remedy = result.text, with_remedy(result.advice, result.remedy, WORDS)
-        if result.remedy is Remedy.CONNECT:
+        if result.cause in (Cause.NO_STATE_LINK, Cause.NO_MOTION_LINK):
             text += f' ({link_reason})'
     return RobotStatus(
         connected=driver.state_link.connected and driver.motion_link.connected,
@@ -57,24 +56,19 @@ def robot_status(driver: Driver, now: float, link_reason: str) -> RobotStatus:
 
 P = ParamSpec('P')
 
-Failed = Callable[[Exception], None]
-"""Function that is called with the exception of a callback."""
-
 
 class Callbacks(Generic[P]):
-    """Callbacks for one event, called one after the other, even if one raises an exception."""
+    """The callbacks for one event. All of them are called, even if one raises an exception."""
 
-    def __init__(self, failed: Failed) -> None:
+    def __init__(self, failed: Callable[[Exception], None]) -> None:
         self._failed = failed
         self._functions: list[Callable[P, object]] = []
 
     @property
     def registered(self) -> bool:
-        """Whether a function is registered."""
         return bool(self._functions)
 
     def add(self, function: Callable[P, object]) -> Callable[[], None]:
-        """Register a function. Return a function that unregisters it."""
         self._functions.append(function)
 
         def remove() -> None:
@@ -84,11 +78,9 @@ class Callbacks(Generic[P]):
         return remove
 
     def clear(self) -> None:
-        """Unregister all functions."""
         self._functions.clear()
 
     def call(self, *args: P.args, **kwargs: P.kwargs) -> None:
-        """Call all registered functions with these arguments."""
         for function in list(self._functions):
             try:
                 function(*args, **kwargs)
@@ -97,9 +89,9 @@ class Callbacks(Generic[P]):
 
 
 class Changes:
-    """The user's callbacks by event. An unknown value in a STATUS is not a change."""
+    """The user's callbacks by event. A value that becomes unknown does not count as a change."""
 
-    def __init__(self, failed: Failed, texts: ErrorTexts) -> None:
+    def __init__(self, failed: Callable[[Exception], None], texts: ErrorTexts) -> None:
         self.estop: Callbacks[[bool]] = Callbacks(failed)
         self.error: Callbacks[[ControllerError | None]] = Callbacks(failed)
         self.link: Callbacks[[str, str]] = Callbacks(failed)
@@ -110,7 +102,6 @@ class Changes:
         self._number: int | None = None
 
     def update(self, status: Status) -> None:
-        """Call the callbacks for the changes of E-stop and error in a STATUS."""
         if status.e_stopped in (TriState.TRUE, TriState.FALSE):
             e_stopped = status.e_stopped == TriState.TRUE
             if e_stopped != self._e_stopped:

@@ -10,9 +10,11 @@ from os import PathLike
 from types import NoneType, UnionType
 from typing import Any, ParamSpec, TypeVar, get_args, get_origin
 
-from epson_driver.driver.goal.planning_scope import PlanningEndedError
+from epson_driver.driver.goal.planning_cancellation import PlanningEndedError
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.remedy import Remedy, with_remedy
+from epson_driver.inputs import ArgumentError as ArgumentError
+from epson_driver.inputs import RobotError as RobotError
 from epson_driver.inputs import Rule, number
 from epson_driver.taught_points import plain
 from epson_driver.tool_motion.joint_path import PathError as NoPathError
@@ -36,45 +38,35 @@ WORDS = {
 TIMEOUT = number(0.0, 1e7, 's')
 
 
-class RobotError(RuntimeError):
-    """A request failed. The text contains the reason and the remedy."""
-
-    def __init__(self, text: str, remedy: Remedy = Remedy.NONE) -> None:
-        super().__init__(with_remedy(text, remedy, WORDS))
-
-
 class MotionError(RobotError):
     """A motion was rejected, canceled or aborted.
 
     * end: CANCELED or ABORTED.
-    * code: the error code that FollowJointTrajectory has for this case.
+    * code: the error code of FollowJointTrajectory that corresponds to this case.
     """
 
     def __init__(self, outcome: Outcome) -> None:
-        super().__init__(outcome.text, outcome.remedy)
+        super().__init__(with_remedy(outcome.text, outcome.remedy, WORDS))
         self.end: End = outcome.end
         self.code: ErrorCode = outcome.code
 
 
-class ArgumentError(RobotError, ValueError):
-    """A method was called with an invalid argument. Nothing was sent to the controller."""
-
-
 class PathError(ArgumentError):
-    """The tool cannot reach a pose or follow a path: out of reach, or at a singularity.
+    """The tool cannot reach a pose or follow a path.
 
-    The text names place, joint and limit. Nothing was sent to the controller.
+    A place is out of reach, or the path passes a singularity. The text names the place, the joint
+    and the limit. Nothing was sent to the controller.
     """
 
 
 def not_started(sentence: str) -> MotionError:
-    """Return the error for a motion that was not started. `sentence`: the reason."""
+    """Return the error for a motion that did not start. `sentence`: the reason."""
     return MotionError(Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, sentence))
 
 
 @contextlib.contextmanager
 def refusals() -> Iterator[None]:
-    """Convert a rejection by the driver, or the end of canceled planning, to MotionError."""
+    """Convert a rejection by the driver, or the cancellation of planning, to MotionError."""
     try:
         yield
     except PlanningEndedError as ended:
@@ -115,11 +107,11 @@ _EXPECTED: dict[Any, str] = {
 
 
 def checked_arguments(method: Callable[P, T]) -> Callable[P, T]:
-    """Decorate a method, awaited or not, so that it raises ArgumentError for invalid arguments.
+    """Decorate a method or coroutine method so that it raises ArgumentError for invalid arguments.
 
-    Flags, functions, paths and objects of this package are checked against their annotations.
-    The method itself checks numbers, names and shapes, and raises ValueError, which becomes
-    ArgumentError. numpy numbers are converted to Python numbers.
+    This checks flags, functions, paths and objects of this package against their annotations, and
+    converts numpy numbers to Python numbers. The method itself must check numbers, names and
+    shapes.
     """
     call: Any = method
     code = call.__code__
@@ -152,7 +144,6 @@ def checked_arguments(method: Callable[P, T]) -> Callable[P, T]:
 
 
 def _rule(annotation: Any) -> Rule | None:
-    """Return the rule for an argument's annotation, or None if the method itself checks it."""
     kinds = get_args(annotation) if isinstance(annotation, UnionType) else (annotation,)
     kinds = tuple(get_origin(kind) or kind for kind in kinds)
     classes = [kind for kind in kinds if isinstance(kind, type)]

@@ -24,6 +24,8 @@ T = TypeVar('T')
 INDEX = count(0, 2**31 - 1)
 VALUE = count(-(2**31), 2**31 - 1)
 
+WAIT_PERIOD_S = 0.02  # between two readings of an awaited point, s
+
 
 class Io(Unique):
     """Reads and writes single I/O points.
@@ -36,9 +38,10 @@ class Io(Unique):
 
     @checked_arguments
     async def read(self, kind: str, index: int) -> int:
-        """Return the value of an I/O point, such as `read('DI', 3)`, in mV if it is analogue.
+        """Return the value of an I/O point, for example `read('DI', 3)`.
 
-        docs/io.md lists the types of points.
+        kind: type of the point (docs/io.md lists all types). The value of an analogue point is in
+        mV.
         """
         from epson_driver.simple_message import IoAddress
 
@@ -47,25 +50,23 @@ class Io(Unique):
 
     @checked_arguments
     async def wait(self, kind: str, index: int, value: int, timeout: float | None = None) -> None:
-        """Wait until an I/O point has a value, such as `wait('DI', 3, 1)`.
+        """Wait until an I/O point has a value, for example `wait('DI', 3, 1)`.
 
         Raises TimeoutError after `timeout` s (None: never), and the exceptions of `read`.
         """
-        from epson_driver.driver.io.gripper import READ_PERIOD_S
-
         VALUE.checked(value, 'value')
         try:
             async with asyncio.timeout(checked_timeout(timeout)):
                 while await self.read(kind, index) != value:
                     with contextlib.suppress(TimeoutError):
-                        async with asyncio.timeout(READ_PERIOD_S):
+                        async with asyncio.timeout(WAIT_PERIOD_S):
                             await self._driver().changed.wait()
         except TimeoutError as error:
             raise TimeoutError(f'{kind} {index} was not {value} within {timeout:g} s') from error
 
     @checked_arguments
     async def write(self, kind: str, index: int, value: int) -> None:
-        """Set an output, a group or a flag, such as `write('DO', 3, 1)`."""
+        """Set an output, a group or a flag, for example `write('DO', 3, 1)`."""
         from epson_driver.simple_message import IoSetting
 
         number = VALUE.checked(int(value) if isinstance(value, bool) else value, 'value')
@@ -83,22 +84,23 @@ class Gripper(Unique):
         self._gripper = gripper
 
     async def open(self) -> GripperState:
-        """Open the gripper and return its state once it is open.
+        """Open the gripper, and return its state once it is open.
 
-        Raises RobotError if it does not open in time, or if a newer command replaces this one.
+        Raises RobotError if the gripper does not open in time, or a newer command replaces this.
         """
         return await _done(self._known().move(opened=True))
 
     async def close(self) -> GripperState:
-        """Close the gripper and return its state, which is not `closed` if it holds a part.
+        """Close the gripper, and return its state once it is closed or holds a part.
 
-        The gripper counts as holding a part if it is neither open nor closed after the wiring's
-        `time`. Raises RobotError if it stays open, or if a newer command replaces this one.
+        If the gripper is neither open nor closed after the wiring's `time`, it counts as holding a
+        part, and `closed` of the state is False. Raises RobotError if the gripper stays open, or a
+        newer command replaces this.
         """
         return await _done(self._known().move(opened=False))
 
     async def state(self) -> GripperState:
-        """Return the gripper's state from its inputs. Raises RobotError if they are unknown."""
+        """Read the gripper's state from its inputs. Raises RobotError if they are unknown."""
         return await _done(self._known().state())
 
     def _known(self) -> 'DrivenGripper':

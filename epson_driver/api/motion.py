@@ -18,18 +18,18 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.driver.goal.goal import Goal
     from epson_driver.driver.goal.goal_execution import GoalExecution
     from epson_driver.driver.goal.goal_queue import GoalQueue
-    from epson_driver.driver.goal.planning_scope import PlanningScope
+    from epson_driver.driver.goal.planning_cancellation import PlanningCancellation
     from epson_driver.driver.state.robot_state import JointSample
 
 _log = logging.getLogger(__name__)
 
-# Not printed by default: Motion objects and setpoint calls report the same errors.
+# This log is not printed by default, because Motion objects and setpoint calls report its errors.
 for _name in ('goal', 'servo'):
     logging.getLogger(f'epson_driver.driver.{_name}').addHandler(logging.NullHandler())
 
 CheckedPath = tuple[Callable[[Array], float], float]
-"""A pair: a function from joint positions, shape (n,), to the tool's distance from its path, m,
-and the maximum distance, m."""
+"""A function from joint positions, shape (n,), to the tool's distance from its path, m, and the
+maximum distance, m."""
 
 
 class Motion(Unique):
@@ -39,7 +39,7 @@ class Motion(Unique):
         self,
         queue: 'GoalQueue',
         goal: 'Goal',
-        plan: 'PlanningScope',
+        plan: 'PlanningCancellation',
         path: CheckedPath | None = None,
     ) -> None:
         from epson_driver.driver.goal.goal_queue import GoalHandle
@@ -76,7 +76,7 @@ class Motion(Unique):
 
     @property
     def text(self) -> str:
-        """Result of the motion as a sentence, or '' while it runs."""
+        """The result of the motion as a sentence, or '' while the motion runs."""
         if self._outcome is None:
             return ''
         message = with_remedy(self._outcome.text, self._outcome.remedy, WORDS)
@@ -89,12 +89,12 @@ class Motion(Unique):
 
     @property
     def duration(self) -> float:
-        """Planned duration, s, at a speed scaling of 1."""
+        """Planned duration at a speed scaling of 1, s."""
         return self._planned
 
     @property
     def progress(self) -> float:
-        """Elapsed fraction of the planned time, 0 to 1. It is 1 only after success."""
+        """Elapsed fraction of the planned time, 0 to 1. It is only 1 if the motion succeeded."""
         if self._outcome is not None and self._outcome.end is End.SUCCEEDED:
             return 1.0
         execution = self._handle.execution
@@ -104,10 +104,10 @@ class Motion(Unique):
         return min(desired[0] / execution.goal.trajectory.duration, 0.999)
 
     async def wait(self, timeout: float | None = None) -> str:
-        """Wait until the motion ends and return its text. Raises MotionError unless it succeeded.
+        """Wait until the motion ends, and return its text.
 
-        Raises TimeoutError after `timeout` s. The motion continues after a timeout, and if the
-        waiting task is cancelled.
+        Raises MotionError unless the motion succeeded, and TimeoutError after `timeout` s. The
+        motion continues after a timeout, and after a cancellation of the waiting task.
         """
         try:
             async with asyncio.timeout(checked_timeout(timeout)):
@@ -119,7 +119,7 @@ class Motion(Unique):
         return self.text
 
     async def finish(self, timeout: float | None = None) -> str:
-        """Wait until the motion ends (see `wait`). Stop the arm if the task is cancelled."""
+        """Wait until the motion ends, like `wait`, but stop the arm if the task is cancelled."""
         try:
             return await self.wait(timeout)
         except asyncio.CancelledError:
@@ -128,9 +128,9 @@ class Motion(Unique):
             raise
 
     async def cancel(self) -> str:
-        """Stop the arm and return a message once it is at rest.
+        """Stop the arm, and return a message once the arm is at rest.
 
-        Do nothing if the motion has ended, and return its result. Raises MotionError if the motion
+        If the motion has already ended, only return its result. Raises MotionError if the motion
         was aborted before it could be canceled.
         """
         if self._outcome is None:

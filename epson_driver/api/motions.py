@@ -14,7 +14,7 @@ from epson_driver.api.errors import checked_arguments, not_started, refusals
 from epson_driver.api.motion import Motion
 from epson_driver.api.poses import Pose, Waypoint, is_pose
 from epson_driver.api.recording import RATE, SPEED, Recording
-from epson_driver.driver.goal.planning_scope import PlanningScope
+from epson_driver.driver.goal.planning_cancellation import PlanningCancellation
 from epson_driver.motion import Array
 from epson_driver.motion.point_to_point import LONGEST_SEGMENT_S, straight
 from epson_driver.tool_motion.joint_path import ShownFrame
@@ -36,15 +36,16 @@ class Motions(Arm):
     ) -> Motion:
         """Move straight in joint space to n joint positions, rad (m), or to a pose of the tool.
 
-        A pose has any form accepted by `move_line`, in base_link (an EpsonPoint: in EPSON's
-        world). It is reached in the configuration nearest to the current one.
+        * target: joint positions, or a pose in any form that `move_line` accepts. A pose is in
+          base_link, an EpsonPoint in EPSON's world. The arm reaches it in the configuration
+          nearest to the current one.
+        * speed, acceleration: fractions of the joint limits, (0, 1].
+        * wait: whether to wait until the arm has arrived. Ctrl-C, or a cancellation of the task,
+          during the wait stops the arm.
 
-        speed, acceleration: fractions of the joint limits, (0, 1]. wait: whether to wait until the
-        arm has arrived. Ctrl-C or a cancelled task during the wait stops the arm.
-
-        Raises ArgumentError if an argument is invalid. Raises MotionError if the arm is not
-        enabled, another motion is running, or this motion fails. A running motion is never
-        replaced: wait for its end or cancel it first. Both exceptions are RobotErrors.
+        Raises ArgumentError if an argument is invalid, and MotionError if the arm is not enabled,
+        another motion is running, or this motion fails. Both are RobotErrors. A running motion is
+        never replaced. Wait for its end or cancel it first.
         """
         limits = self.model.limits
         moves.check_speeds(speed, acceleration)
@@ -71,9 +72,10 @@ class Motions(Arm):
     ) -> Motion:
         """Move through joint positions, shape (k, n), rad (m), without stops where possible.
 
-        speed, acceleration: fractions of the joint limits, (0, 1]. The motion is as fast as they
-        allow. A controller that stops at each point of a trajectory also stops at each point here.
-        Planning may take seconds, even with `wait=False`. Raises the exceptions of `move_joints`.
+        speed, acceleration: fractions of the joint limits, (0, 1]. The motion is as fast as these
+        fractions allow. If the controller stops at each point of a trajectory, the arm also stops
+        at each of these points. Planning may take seconds, even with `wait=False`. Raises the
+        exceptions of `move_joints`.
         """
         from epson_driver.driver.smoothing import Smoothing, SmoothingError, SmoothingProcess
 
@@ -81,7 +83,7 @@ class Motions(Arm):
         moves.check_speeds(speed, acceleration)
         waypoints = moves.targets('points', points, limits)
         start, plan = await self._connection.ready()
-        scaled = moves.scaled_limits(limits, speed, acceleration)
+        scaled = limits.scaled(speed, acceleration)
         smoother = SmoothingProcess(
             scaled, Smoothing(time_optimal=True, longest=LONGEST_SEGMENT_S)
         )
@@ -105,23 +107,24 @@ class Motions(Arm):
     ) -> Motion:
         """Execute a planned trajectory unchanged, starting at the current position.
 
-        * times: shape (k,), s from the start, strictly increasing.
+        * times: time of each point from the start, shape (k,), s, strictly increasing.
         * positions, velocities: shape (k, n), rad and rad/s (m, m/s).
-        * joint_names: the order of the joints. None: the order of the model.
+        * joint_names: names of the joints in the order of the columns. None: the model's order.
 
         docs/goals.md lists the requirements on a trajectory. Raises the exceptions of
         `move_joints`.
         """
         limits = self.model.limits
         trajectory = moves.planned(times, positions, velocities, joint_names, limits)
-        return await self._connection.execute(trajectory, PlanningScope(), wait=wait)
+        return await self._connection.execute(trajectory, PlanningCancellation(), wait=wait)
 
     @checked_arguments
     def record(self, rate: float = 1000.0) -> Recording:
-        """Start recording the measured joints, whatever moves the arm. `Recording.stop` ends it.
+        """Start to record the measured joints. `Recording.stop` ends the recording.
 
-        rate: maximum number of samples per s. The controller may send fewer. Raises RobotError if
-        not connected, ArgumentError if the rate is invalid.
+        It does not matter what moves the arm. rate: maximum number of samples per second. The
+        controller may send fewer. Raises RobotError if not connected, ArgumentError if the rate is
+        invalid.
         """
         period = 1.0 / RATE.checked(rate, 'rate')
         self._connection.running  # noqa: B018 - it raises if not connected
@@ -142,7 +145,7 @@ class Motions(Arm):
         * recording: a Recording, which is stopped if it is running, or the path of a file.
         * speed: fraction of the recorded speed, 0.01 to 1.
 
-        The time at rest before the first motion is skipped, later rests are replayed. Raises
+        The rest before the first recorded motion is skipped. Later rests are replayed. Raises
         OSError if the file cannot be read, and the exceptions of `move_trajectory`.
         """
         SPEED.checked(speed, 'speed')
@@ -172,18 +175,18 @@ class Motions(Arm):
     ) -> Motion:
         """Move the tool along a straight line to a pose.
 
-        pose: a homogeneous matrix, shape (4, 4), m, or x y z, m, and a quaternion x y z w, shape
-        (7,), or an EpsonPoint. frame: 'base_link', 'base' (EPSON's world), 'tool' (the current
-        tool frame), or a name given to `set_frame`. None: 'base_link', or 'base' for an
-        EpsonPoint.
+        The tool rotates about a fixed axis at the same time.
 
-        The tool rotates about one axis at the same time.
-
-        * speed, acceleration: limits of the tool, m/s and m/s², also in bends.
-        * turn_speed, turn_acceleration: limits of its rotation, rad/s and rad/s².
-        * jerk: limit of the tool, m/s³. None: 10 / s times the acceleration. The jerk limit of the
-          rotation has the same ratio to its acceleration.
-        * accuracy: maximum distance, m, between the line and the path through the sent points. If
+        * pose: a homogeneous matrix, shape (4, 4), m, or x y z, m, and a quaternion x y z w, shape
+          (7,), or an EpsonPoint.
+        * frame: the frame of the pose: 'base_link', 'base' (EPSON's world), 'tool' (the current
+          tool frame), or a name given to `set_frame`. None: 'base_link', or 'base' for an
+          EpsonPoint.
+        * speed, acceleration: limits of the tool, m/s and m/s². They also apply in bends.
+        * turn_speed, turn_acceleration: limits of the tool's rotation, rad/s and rad/s².
+        * jerk: jerk limit of the tool, m/s³. None: the acceleration times 10 / s. The jerk limit
+          of the rotation is its acceleration limit times the same ratio.
+        * accuracy: maximum distance between the line and the path through the sent points, m. If
           the measured distance is larger, the motion's text reports it.
         * slow: True reduces the speed where a joint limit requires it. False rejects such a line.
 
@@ -215,8 +218,8 @@ class Motions(Arm):
     ) -> Motion:
         """Move the tool along an arc through a point to a pose.
 
-        via: the point, x y z in m, in the frame of the pose, even if the pose is an EpsonPoint.
-        Other arguments and exceptions: see `move_line`.
+        via: the point, x y z. It is in m and in the frame of the pose, even if the pose is an
+        EpsonPoint. `move_line` describes the other arguments and the exceptions.
         """
         tool = moves.tool_limits(
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
@@ -242,15 +245,16 @@ class Motions(Arm):
         slow: bool = True,
         wait: bool = True,
     ) -> Motion:
-        """Move the tool through poses or Waypoints, on a line or an arc to each.
+        """Move the tool through poses or Waypoints, along a line or an arc to each of them.
 
-        blend: distance from each point, m, within which the tool may cut the corner without
-        stopping. 0: the tool stops at the point. A Waypoint may have a different blend and frame.
-        In a corner the tool is as fast as the limits allow. The frame 'tool' is the tool frame at
-        the start of the motion.
+        * blend: distance from a point, m, within which the tool may cut the corner without a stop.
+          The tool is then as fast as the limits allow. 0: the tool stops at the point. A Waypoint
+          may have a different blend and frame.
+        * frame: see `move_line`. The frame 'tool' is the tool frame at the start of the motion.
 
-        Other arguments and exceptions: see `move_line`. The text of an exception contains the
-        index of an invalid point, or of a point whose blend is longer than its segment.
+        `move_line` describes the other arguments and the exceptions. The text of an exception
+        contains the index of an invalid point, or of a point whose blend is longer than its
+        segment.
         """
         tool = moves.tool_limits(
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
@@ -298,16 +302,16 @@ class Motions(Arm):
 
     @property
     def speed_scaling(self) -> float:
-        """Speed of all motions, as a fraction of their planned speed."""
+        """Speed of all motions as a fraction of their planned speed."""
         return self._connection.running.goal_queue.scaling.target
 
     @checked_arguments
     def set_speed_scaling(self, factor: float) -> None:
-        """Set the speed of all motions, also a running one, as a fraction of the planned speed.
+        """Set the speed of all motions as a fraction of the planned speed, even during a motion.
 
-        factor: 0.01 to 1, or 0 for a pause: the arm brakes, and the motion continues once the
-        factor is not 0. A lower factor takes effect with a delay, because it does not apply to
-        points that the controller already has (docs/goals.md). Raises ArgumentError if the factor
-        is invalid, RobotError if the controller does not support it.
+        factor: 0.01 to 1, or 0 for a pause. In a pause the arm comes to rest, and the motion
+        continues once the factor is above 0. A lower factor takes effect with a delay, because it
+        does not apply to points that the controller already has (docs/goals.md). Raises
+        ArgumentError if the factor is invalid, RobotError if the controller does not support it.
         """
         self._connection.set_speed_scaling(moves.checked_factor(factor))

@@ -29,22 +29,19 @@ from epson_driver.tool_motion.pose_path import (
     line,
     runs,
 )
-from epson_driver.tool_motion.tool_pose import numbers
+from epson_driver.tool_motion.tool_pose import PLACE, numbers
 from epson_driver.tool_motion.tool_trajectory import JERK_PER_ACCELERATION, ToolLimits
 
 SAMPLE_SPACING_M, MAX_SAMPLES = 1e-3, 2000
-"""Spacing of the path samples for the accuracy check, m, and maximum number between stops."""
+"""Spacing of the path samples for the accuracy check, m, and their maximum number per run."""
 
 SAME_PLACE_M, SAME_PLACE_RAD = 1e-4, 1e-3
 """Distance and angle up to which two poses count as the same. Encoder jitter is smaller."""
 
 
 def joint_rows(field: str, values: Pose, limits: JointLimits, *, rows: bool) -> Array:
-    """Return values for n joints as an array of shape (n,), or (k, n) with `rows`.
-
-    Raises ValueError if the shape is wrong or a value is not finite.
-    """
-    form = 'rows of numbers, all of one length' if rows else 'numbers'
+    """Return values of n joints as an array of shape (n,), or of shape (k, n) with `rows`."""
+    form = 'rows of numbers, all of one length' if rows else PLACE
     array = numbers(field, values, form)
     count = len(limits.names)
     if rows and (array.ndim != 2 or array.shape[1] != count or not len(array)):
@@ -63,7 +60,6 @@ def joint_rows(field: str, values: Pose, limits: JointLimits, *, rows: bool) -> 
 
 
 def checked(trajectory: Trajectory, limits: JointLimits, field: str) -> Trajectory:
-    """Return the trajectory. Raises ValueError, with the driver's text, if it exceeds a limit."""
     from epson_driver.driver.goal.goal import check_limits
 
     try:
@@ -73,18 +69,7 @@ def checked(trajectory: Trajectory, limits: JointLimits, field: str) -> Trajecto
     return trajectory
 
 
-def scaled_limits(limits: JointLimits, speed: float, acceleration: float) -> JointLimits:
-    """Return the limits scaled by fractions, (0, 1]. `acceleration` also scales the jerk."""
-    return replace(
-        limits,
-        velocity=limits.velocity * speed,
-        acceleration=limits.acceleration * acceleration,
-        jerk=limits.jerk * acceleration,
-    )
-
-
 def check_speeds(speed: float, acceleration: float) -> None:
-    """Raise ValueError unless both arguments are fractions of the joint limits, (0, 1]."""
     for name, value in (('speed', speed), ('acceleration', acceleration)):
         if isinstance(value, bool) or not isinstance(value, int | float | np.number):
             raise ValueError(f'{name} = {value!r}: must be a number in (0, 1]')
@@ -105,7 +90,6 @@ def tool_limits(
     jerk: float | None,
     slow: bool,
 ) -> ToolLimits:
-    """Return the limits for arguments of `move_line`. Raises ValueError if one is invalid."""
     arguments = {
         'speed': speed,
         'acceleration': acceleration,
@@ -139,10 +123,9 @@ class PathPoint:
     blend: float = 0.0
 
     def segment(self, before: Array, start: Array) -> PosePath:
-        """Return the segment from the pose `before` to this point.
+        """Return the segment from the pose `before`, shape (4, 4), m, to this point.
 
-        `before`: shape (4, 4), m. `start`: the pose of the tool at the start of the motion. Raises
-        ValueError if the points of an arc do not define one.
+        `start`: the pose of the tool at the start of the motion.
         """
         end = self.pose.in_base_link(start)
         if self.via is None:
@@ -150,11 +133,7 @@ class PathPoint:
         return arc(before, self.via.in_base_link(start)[:3, 3], end)
 
     def run(self, start: Array) -> list[Run]:
-        """Return the path to this point as one run, the part between two stops.
-
-        start: the pose of the tool in base_link. The result is [] if the tool is already there.
-        Raises ValueError if the points of an arc do not define one.
-        """
+        """Return the path from the pose `start` to this point, or [] if both are the same."""
         segment = self.segment(start, start)
         return [] if _is_empty(segment) else runs([segment], [])
 
@@ -162,15 +141,12 @@ class PathPoint:
 def path_points(
     points: Sequence[Waypoint | Pose], blend: float, frame: str | None, frames: Frames
 ) -> list[PathPoint]:
-    """Return the checked points of a path.
-
-    blend, frame: defaults for points without their own. Raises ValueError if a point is invalid.
-    """
+    """Return the checked points of a path. blend, frame: defaults for points without them."""
     _BLEND.checked(blend, 'blend')
     if isinstance(points, str) or not isinstance(points, Sequence | np.ndarray):
         raise ValueError(f'points = {points!r}: must be a list of poses or Waypoints')
     if not len(points):
-        raise ValueError('points: must have at least one')
+        raise ValueError('points: must have at least one point')
     last = len(points) - 1
     result = []
     for index, item in enumerate(points):
@@ -191,10 +167,9 @@ def path_points(
 
 
 def path_runs(points: Sequence[PathPoint], start: Array) -> list[Run]:
-    """Return the path through points, as runs: the parts between two stops of the tool.
+    """Return the path through points as runs, which are its parts between two stops of the tool.
 
-    start: the pose of the tool in base_link. The result is [] if the tool is already at all
-    points. Raises ValueError if a blend does not fit or an arc is invalid.
+    start: the pose of the tool in base_link. The result is [] if all points are at this pose.
     """
     segments: list[PosePath] = []
     before = start
@@ -223,8 +198,8 @@ def path_runs(points: Sequence[PathPoint], start: Array) -> list[Run]:
 def _apart(points: Sequence[PathPoint], start: Array) -> list[tuple[int, PathPoint]]:
     """Merge consecutive points with the same pose, and return the points with their indices.
 
-    A merged point has the smallest blend and the last index of its points. Points at the start
-    pose before the first motion are dropped, except the last point of the path.
+    A merged point has the smallest blend and the last index of its points. Points before the first
+    motion, which are at the start pose, are dropped. The last point of the path is always kept.
     """
     distinct: list[tuple[int, PathPoint]] = []
     place = start
@@ -269,7 +244,6 @@ _BLEND = number(0.0, 100.0, 'm')
 
 
 def checked_factor(value: float) -> float:
-    """Return a speed scaling factor. Raises ValueError if it is invalid."""
     from epson_driver.driver.goal.reference import MIN_FACTOR
 
     moving = number(MIN_FACTOR, 1.0)
@@ -281,10 +255,7 @@ def checked_factor(value: float) -> float:
 
 
 def targets(field: str, values: npt.ArrayLike, limits: JointLimits) -> Trajectory:
-    """Return joint positions, shape (k, n), as a trajectory with placeholder times.
-
-    Raises ValueError if they are invalid or exceed a limit.
-    """
+    """Return joint positions, shape (k, n), as a trajectory with placeholder times."""
     from epson_driver.driver.goal.goal import untimed
 
     positions = limits.settled(joint_rows(field, values, limits, rows=True))
@@ -294,7 +265,6 @@ def targets(field: str, values: npt.ArrayLike, limits: JointLimits) -> Trajector
 
 
 def joined(first: Trajectory, then: Trajectory) -> Trajectory:
-    """Return two trajectories in sequence. The second must start at rest at the first's end."""
     assert first.velocities is not None  # noqa: S101 - for the type checker
     assert then.velocities is not None  # noqa: S101 - for the type checker
     return Trajectory(
@@ -308,8 +278,8 @@ def joined(first: Trajectory, then: Trajectory) -> Trajectory:
 def divided(trajectory: Trajectory, start: Array) -> Trajectory:
     """Return a trajectory whose points are at most LONGEST_SEGMENT_S apart.
 
-    start: joint positions before the first point, shape (n,). Points are added where necessary,
-    with the same interpolation as in the driver.
+    start: joint positions before the first point, shape (n,). Points are added by the same
+    interpolation as in the driver.
     """
     from epson_driver.driver.goal.reference import ReferenceTrajectory
 
@@ -346,10 +316,6 @@ def planned(
     joint_names: Sequence[str] | None,
     limits: JointLimits,
 ) -> Trajectory:
-    """Return the trajectory for arguments of `move_trajectory`, joints in the order of `limits`.
-
-    Raises ValueError if an argument is invalid or the trajectory exceeds a limit.
-    """
     names = limits.names
     if joint_names is not None:
         read = partial(_permuted, names)

@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 
 
 class Unique:
-    """Base class of objects that can be neither copied nor pickled."""
+    """Base class of objects that cannot be copied or pickled."""
 
     def __reduce__(self) -> NoReturn:
         kind = type(self).__name__
@@ -36,18 +36,14 @@ class Unique:
 
 
 class Process:
-    """The process in which an object was created."""
-
     def __init__(self) -> None:
         self._number = os.getpid()
 
     @property
     def forked(self) -> bool:
-        """True in a child process that was forked after the object's creation."""
         return os.getpid() != self._number
 
     def check(self) -> None:
-        """Raise RobotError in a child process that was forked after the object's creation."""
         if self.forked:
             raise RobotError(
                 'this Robot belongs to the parent process: create another one after the fork'
@@ -61,10 +57,25 @@ class Owner(Protocol):
 
     @property
     def files(self) -> list[int]:
-        """File descriptors of its sockets and pipes."""
+        """File descriptors of the connection's sockets and pipes."""
 
     async def close(self) -> None:
         """Stop the arm and disconnect."""
+
+
+class Page(Protocol):
+    """A panel in the browser that shows the robot of a connection.
+
+    `url`: address of the page. `ended`: set when the panel has ended. After that, `code` is its
+    exit code.
+    """
+
+    url: str
+    ended: asyncio.Event
+    code: int
+
+    async def close(self) -> None:
+        """Cancel the motions that the panel has started, and close the panel."""
 
 
 Address = tuple[str, int]
@@ -74,14 +85,11 @@ _lock = threading.Lock()
 
 
 async def take_over(address: Address, owner: Owner) -> None:
-    """Register the owner of a controller address, and close the previous owner."""
     with _lock:
         before, _owners[address] = _owners.get(address), owner
     if before is None or before is owner or before.loop.is_closed():
         return
-    _log.warning(
-        '%s:%d: closing the Robot object of this program that connected earlier', *address
-    )
+    _log.warning('%s:%d: closing the Robot object that this program connected earlier', *address)
     if before.loop is asyncio.get_running_loop():
         await before.close()
     elif before.loop.is_running():
@@ -90,7 +98,6 @@ async def take_over(address: Address, owner: Owner) -> None:
 
 
 def release(owner: Owner) -> None:
-    """Remove the registration of an owner."""
     with _lock:
         for address in [item for item, result in _owners.items() if result is owner]:
             del _owners[address]
@@ -101,10 +108,7 @@ def close_soon(
     process: Process,
     close: Callable[[], Coroutine[Any, Any, None]],
 ) -> None:
-    """Schedule `close` in the event loop. Callable in any thread, and by finalizers.
-
-    Do nothing if the loop has been closed, or in a forked child process.
-    """
+    """Schedule `close` in the event loop. Any thread and finalizers may call this."""
     if process.forked or loop.is_closed():
         return
 
@@ -125,12 +129,12 @@ def _close_all() -> None:
             closing = asyncio.run_coroutine_threadsafe(owner.close(), owner.loop)
             try:
                 closing.result(CLOSE_TIMEOUT_S)
-            except Exception:  # noqa: BLE001 - the others are closed all the same
+            except Exception:  # noqa: BLE001 - the other connections must be closed, too
                 _log.exception('%s:%d was not closed properly', host, port)
 
 
 def _close_in_child() -> None:
-    """Close the parent's sockets in a forked child, whose copies would keep them open."""
+    """Close the parent's sockets in a forked child. The child's copies would keep them open."""
     global _lock  # a thread of the parent may hold it
     _lock = threading.Lock()
     owners, nowhere = list(_owners.values()), os.open(os.devnull, os.O_RDWR)

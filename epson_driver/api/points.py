@@ -14,7 +14,8 @@ from epson_driver.taught_points import EpsonPoint, Posture, TaughtPoints
 class Points(Unique):
     """Taught points: a mapping from names, such as pick or P3, to EpsonPoints. Case is ignored.
 
-    Motions to a point use the configuration nearest to the current one, not the saved posture.
+    A motion to a point uses the arm configuration nearest to the current one, and not the posture
+    that is saved with the point.
     """
 
     def __init__(
@@ -50,8 +51,13 @@ class Points(Unique):
         return len(self._taught)
 
     def __contains__(self, name: object) -> bool:
-        """Return whether a point exists, with or without a position."""
+        """Return whether a point with this name exists, even if it has no position."""
         return name in self._taught
+
+    @property
+    def places(self) -> dict[str, EpsonPoint]:
+        """The points that have a position, by name."""
+        return self._taught.places
 
     @checked_arguments
     def teach(self, name: str) -> EpsonPoint:
@@ -65,7 +71,7 @@ class Points(Unique):
 
     @checked_arguments
     def load(self, path: str | PathLike[str]) -> int:
-        """Replace all points by those in a .pts or .yaml file, and return their number.
+        """Replace all points by the points in a .pts or .yaml file, and return their number.
 
         Raises OSError if the file cannot be read, ArgumentError if it is invalid.
         """

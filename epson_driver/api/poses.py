@@ -15,6 +15,7 @@ from epson_driver.motion import Array
 from epson_driver.taught_points import EpsonPoint, plain
 from epson_driver.tool_motion.joint_path import ShownFrame
 from epson_driver.tool_motion.tool_pose import (
+    PLACE,
     check_tool_distance,
     finite_numbers,
     homogeneous,
@@ -25,11 +26,11 @@ BASE_LINK, BASE, TOOL = 'base_link', 'base', 'tool'
 """The built-in frames: the arm's base_link, EPSON's world, and the current tool frame."""
 
 ROUNDING = 1e-4
-"""Largest deviation of a rotation matrix times its transpose from the unit matrix. The nearest
-exact rotation replaces an accepted matrix."""
+"""Maximum deviation from the unit matrix of a rotation matrix times its transpose. An accepted
+matrix is replaced by the nearest exact rotation."""
 
 MM_SUSPICION = 10.0
-"""Multiple of the arm's reach beyond which a position is suspected to be in mm."""
+"""Distance, in multiples of the arm's reach, above which a position is suspected to be in mm."""
 
 Pose = npt.ArrayLike | EpsonPoint
 """x y z (m) and a quaternion x y z w (ROS order), a homogeneous matrix (m), or an EPSON point."""
@@ -40,8 +41,8 @@ class Waypoint:
     """A pose in the path of `move_path`.
 
     * via: a point, x y z in m, through which the tool moves on an arc. None: it moves on a line.
-    * blend: distance from the pose, m, within which the tool may cut the corner. 0: it stops at
-      the pose. None: the blend of `move_path`.
+    * blend: distance from the pose, m, within which the tool may cut the corner. 0: the tool stops
+      at the pose. None: the blend of `move_path`.
     * frame: the frame of pose and via. None: the frame of `move_path`.
     """
 
@@ -53,7 +54,10 @@ class Waypoint:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A pose, shape (4, 4), m, in base_link, or (`in_tool`) in the tool frame at the start."""
+    """A pose, shape (4, 4), m.
+
+    It is in base_link or, if `in_tool`, in the tool frame at the start of the motion.
+    """
 
     pose: Array
     in_tool: bool = False
@@ -105,14 +109,11 @@ class Frames:
 
     @property
     def poses(self) -> dict[str, Array]:
-        """All frames except the tool, as copies."""
+        """Copies of all frames except 'tool', by name."""
         return {name: pose.copy() for name, pose in self._poses.items()}
 
     def shown(self, frame: str | None, pose: Pose) -> ShownFrame:
-        """Return the frame in which error texts show positions: the one in which `pose` is given.
-
-        It is base_link for a pose in the tool frame.
-        """
+        """Return the frame of `pose` for error texts. For the frame 'tool', it is base_link."""
         name = _frame_of(frame, pose)
         return ShownFrame() if name == TOOL else ShownFrame(name, np.linalg.inv(self._poses[name]))
 
@@ -126,17 +127,11 @@ class Frames:
         self._poses[name] = self._pose_of(_frame_of(parent, pose), 'parent', []) @ checked
 
     def target(self, field: str, pose: Pose, frame: str | None) -> Target:
-        """Return a pose in a frame as a Target. Raises ValueError if pose or frame is invalid.
-
-        frame: None selects base_link, or EPSON's world if the pose is an EpsonPoint.
-        """
+        """Return a pose in a frame as a Target. `_frame_of` describes the frame None."""
         return self._placed(checked_pose(field, pose), _frame_of(frame, pose), field)
 
     def point(self, field: str, xyz: npt.ArrayLike, frame: str | None, pose: Pose) -> Target:
-        """Return a point, x y z in m, as a Target whose orientation has no meaning.
-
-        frame: as in `target` for `pose`. Raises ValueError if point or frame is invalid.
-        """
+        """Return a point, x y z in m, as a Target whose orientation has no meaning."""
         place = finite_numbers(field, xyz)
         if place.shape != (3,):
             raise ValueError(f'{field} has shape {place.shape}: must be (3,), x y z in m')
@@ -153,9 +148,9 @@ class Frames:
         return Target(placed, in_tool)
 
     def _pose_of(self, frame: str, where: str, more: list[str]) -> Array:
-        """Return a frame's pose in base_link. Raises ValueError if the frame is unknown.
+        """Return a frame's pose in base_link.
 
-        more: further allowed names, for the text of the exception.
+        more: valid names other than those of frames, which the error text lists, too.
         """
         if not isinstance(frame, str) or frame not in self._poses:
             *names, last = [*self._poses, *more]
@@ -175,7 +170,7 @@ def checked_pose(field: str, values: Pose) -> Array:
     """Return a pose as a homogeneous matrix, shape (4, 4), m. Raises ValueError if invalid."""
     if isinstance(values, EpsonPoint):
         return values.pose
-    array = finite_numbers(field, values)
+    array = finite_numbers(field, values, PLACE)
     if array.shape == (7,):
         return pose_of_quaternion(field, array)
     if array.shape != (4, 4):
@@ -197,7 +192,7 @@ def checked_pose(field: str, values: Pose) -> Array:
 
 
 def is_pose(values: Pose, joints: int) -> bool:
-    """Return whether values have the form of a pose, and not of positions of `joints` joints."""
+    """Return whether values have the form of a pose, not of the positions of `joints` joints."""
     if isinstance(values, EpsonPoint):
         return True
     try:

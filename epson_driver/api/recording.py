@@ -103,15 +103,17 @@ class Recording(Unique):
         return result
 
     def start(self, add: Callable[[Callable[['JointSample'], None]], Callable[[], None]]) -> None:
-        """Start recording. `add` registers a callback for samples and returns its removal."""
+        """Start recording.
+
+        add: function that registers a callback for samples, and returns a function to remove it.
+        """
         self._stop = add(self._take)
 
     def plan(self, limits: JointLimits, speed: float) -> Trajectory:
         """Return the recording as a trajectory from rest to rest.
 
         speed: fraction of the recorded speed. The time before the first motion is skipped. Raises
-        RobotError if the recording is empty, ValueError if its joint names are not the arm's or
-        its samples have a gap.
+        ValueError if the joint names are not the arm's, or the samples have a gap.
         """
         self._check_any()
         if self.joint_names != limits.names:
@@ -124,8 +126,8 @@ class Recording(Unique):
         if len(gaps) and (gaps.max() > MAX_GAP_S or gaps.min() <= 0.0):
             where = int(gaps.argmax() if gaps.max() > MAX_GAP_S else gaps.argmin())
             raise ValueError(
-                f'the recording has {gaps[where]:.3g} s between two samples, {times[where]:.3g} s '
-                f'from its start: must be at most {MAX_GAP_S:g} s'
+                f'{times[where]:.3g} s after the start of the recording, two samples are '
+                f'{gaps[where]:.3g} s apart: must be more than 0 s and at most {MAX_GAP_S:g} s'
             )
         near = np.array([NEAR[unit] for unit in limits.units])
         velocities = _slopes(times, positions)
@@ -146,7 +148,7 @@ class Recording(Unique):
 
     def _check_any(self) -> None:
         if not self._rows:
-            raise RobotError('the recording is empty: no joints received during it')
+            raise RobotError('the recording is empty, because no joint positions were received')
 
     def _take(self, sample: 'JointSample') -> None:
         if not self._rows:
@@ -163,7 +165,7 @@ class Recording(Unique):
 def _corners(times: Array, rows: Array, anchors: Sequence[int]) -> Array:
     """Return the indices of the rows that a replay needs, including `anchors`.
 
-    A polyline through these rows is at most 1 away from every row, in the unit of `rows`.
+    A polyline through these rows deviates from every row by at most 1, in the unit of `rows`.
     """
     indices, open_parts = set(anchors), list(pairwise(anchors))
     while open_parts:
@@ -181,7 +183,7 @@ def _corners(times: Array, rows: Array, anchors: Sequence[int]) -> Array:
 
 
 def _slopes(times: Array, positions: Array) -> Array:
-    """Return the velocity at each sample, shape (k, n): the slope of a line fit to neighbors."""
+    """Return the velocity at each sample, shape (k, n): the slope of a line through neighbours."""
     result = np.zeros_like(positions)
     for index in range(len(times)):
         near = slice(max(index - SLOPE_SAMPLES, 0), index + SLOPE_SAMPLES + 1)

@@ -11,7 +11,7 @@ from epson_driver.setup.robot_file import robot_settings
 from epson_driver.setup.table import ROWS, is_a
 
 ARGUMENTS = {'host': 'robot_ip', 'model': 'robot_model'}
-"""Parameter names of the Robot arguments that have a different name."""
+"""The ROS parameter for each argument of Robot that has another name than its parameter."""
 
 
 def setting(name: str, *usual: object) -> Any:
@@ -30,16 +30,16 @@ class Settings:
     None selects the value of the controller's profile or of the robot model. Times are in s.
     docs/ros_interface.md describes all of them.
 
-    * goal_tolerance, start_tolerance: for all joints, rad (m). A goal tolerance of 0 disables the
-      check.
+    * goal_tolerance, start_tolerance: maximum error of every joint, rad (m). A goal tolerance of 0
+      disables the check.
     * require_planned_speed: whether to reject motions that the controller is known to execute
       faster than planned.
     * servo_scale: fraction of the joints' velocity, acceleration and jerk limits that streams of
       setpoints may use.
-    * servo_timeout: time after the last setpoint at which the arm brakes.
-    * gripper: its wiring, or None without a gripper.
+    * servo_timeout: time after the last setpoint of a stream at which the arm brakes.
+    * gripper: wiring of the gripper, or None without a gripper.
     * trace_file: path of a new pcap file that `connect` creates (docs/report.md). %Y%m%d-%H%M%S
-      in its name is expanded.
+      in the name is replaced by date and time.
     """
 
     joint_names: tuple[str, ...] | None = setting('joint_names', None)
@@ -47,6 +47,7 @@ class Settings:
     joint_offsets: tuple[float, ...] = setting('joint_offsets')
     j23_factor: int = setting('j23_factor')
     error_texts: str | None = setting('error_texts', None)
+    password_variable: str | None = setting('password_variable', None)
     interface: Literal['streaming', 'download', 'statements'] | None = setting('interface', None)
     point_message: Literal['joint_traj_pt', 'joint_traj_pt_full'] | None = setting(
         'point_message', None
@@ -70,19 +71,16 @@ class Settings:
             value = getattr(self, item.name)
             if value is not None or item.default is not None:
                 rule = item.metadata['row'].allowed if item.metadata else _GRIPPER
-                rule.checked(list(value) if isinstance(value, tuple) else value, item.name)
+                rule.argument(list(value) if isinstance(value, tuple) else value, item.name)
 
 
 _GRIPPER = is_a(GripperWiring, 'must be GripperWiring(...)')
 
 
 def checked_argument(name: str, value: object) -> str:
-    """Return the name of the ROS parameter for the argument `name` of a Robot.
-
-    Raises ValueError if `value` is invalid for this parameter.
-    """
+    """Return the ROS parameter of the argument `name` of a Robot, and check `value`."""
     row = ROWS[ARGUMENTS.get(name, name)]
-    row.allowed.checked(value, name)
+    row.allowed.argument(value, name)
     return row.name
 
 
@@ -91,9 +89,8 @@ def parameter_values(
 ) -> dict[str, Any]:
     """Return the settings and the arguments of a Robot by ROS parameter name.
 
-    `host`: an address or the path of a robot's file. An argument of None is left out, because the
-    file, the profile or the table of settings has its default. Raises ValueError if an argument is
-    invalid.
+    `host`: an address or the path of a robot's file. An argument that is None is left out, because
+    its default is in this file, the profile or the table of settings.
     """
     in_file = isinstance(host, str) and host.endswith('.yaml')
     values = robot_settings(host) if in_file else {}

@@ -15,13 +15,13 @@ from epson_driver.remote_ethernet.client import connected
 from epson_driver.remote_ethernet.hand import RefusedError, action, do
 
 START_TIMEOUT_S = 60.0
-"""Timeout for the start of the process, s, which loads numpy and starts a planner."""
+"""Timeout for the start of the process, s. The process loads numpy and starts a planner."""
 
 END_TIMEOUT_S = 5.0
-"""Timeout for the end of the process, s. After that it is killed."""
+"""Timeout for the end of the process, s. After it, the process is killed."""
 
 MAX_CHARACTERS = 4096
-"""Characters of the controller's output kept for error messages."""
+"""Number of characters of the controller's output that are stored for error messages."""
 
 ANSWER_TIMEOUT_S = 5.0
 """Reply timeout for an operator action, s."""
@@ -32,9 +32,8 @@ _WORDS = {'motion', 'state', 'io', 'remote'}
 class SimulatedController:
     """Runs `sim_controller` as a separate process, on free ports of this machine.
 
-    arguments: its command-line arguments. The process has its own session, so Ctrl-C does not
-    reach it. It ends with `close`, and also if this process ends, because it watches its standard
-    input.
+    The process runs in a separate session, so Ctrl-C does not reach it. It ends together with this
+    process, because it watches its standard input.
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:
@@ -50,11 +49,8 @@ class SimulatedController:
         return [] if stdin is None else [stdin.get_extra_info('pipe').fileno()]
 
     async def start(self) -> dict[str, int]:
-        """Start the process and return its ports by argument name, such as `motion_port`.
-
-        Raises RobotError, with the last line of its output, if it does not start.
-        """
-        words = [f'--{name}-port=0' for name in sorted(_WORDS)]
+        """Start the process and return its ports by argument name, such as `motion_port`."""
+        words = [f'--{name}-port=0' for name in sorted({*_WORDS, 'rtmc'})]
         process = self._process = await asyncio.create_subprocess_exec(
             *module_command('epson_driver.cli', 'sim_controller', '--until-stdin-ends'),
             *words,
@@ -113,11 +109,11 @@ class SimulatedController:
 INPUT = choice('DI', 'AI')
 INDEX = count(0, 65_535)
 VALUE = count(-(2**31), 2**31 - 1)
-WORDS = Rule(str.split, "must be a text, such as 'cut for=0.5'")
+WORDS = Rule(str.split, "must be a string, such as 'cut for=0.5'")
 
 
 class Simulation(Unique):
-    """Operator actions on a simulated controller. They raise RobotError on any other one."""
+    """Operator actions on a simulated controller. With any other one, they raise RobotError."""
 
     def __init__(self, port: Callable[[], int]) -> None:
         self._port = port
@@ -129,7 +125,7 @@ class Simulation(Unique):
 
     @checked_arguments
     async def door(self, is_open: bool = True) -> None:
-        """Open or close the safeguard door. Tasks paused by it continue with `go_on`."""
+        """Open or close the safeguard door. Tasks that it has paused continue with `go_on`."""
         await self._do(f'door {"open" if is_open else "close"}')
 
     async def go_on(self) -> None:
@@ -145,11 +141,13 @@ class Simulation(Unique):
 
     @checked_arguments
     async def fault(self, text: str) -> None:
-        """Start a fault, such as 'cut for=0.5', or end all with 'clear' (docs/controller.md)."""
+        """Start a fault, such as 'cut for=0.5', or end all faults with 'clear'.
+
+        docs/controller.md lists the faults.
+        """
         await self._do(' '.join(['fault', *WORDS.checked(text, 'text')]))
 
     async def _do(self, words: str) -> None:
-        """Run a command of `epson_driver pendant`. Raises RobotError if it is refused."""
         port = self._port()
         try:
             async with connected('127.0.0.1', port, ANSWER_TIMEOUT_S) as ask:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Methods of a Robot that send streams of setpoints to the driver's servo.
 
-After a stop, the servo accepts setpoints again only after a pause in the stream. Invalid setpoints
-are also reported to the servo, because a program that sends them has not paused.
+After a stop, the servo only accepts setpoints again after a pause in the stream. Therefore invalid
+setpoints are also reported to the servo: a program that sends them has not paused.
 """
 
 import asyncio
@@ -26,14 +26,14 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.driver.servo.servo import Servo
 
 SOURCE = 'servo()'
-"""Name of the stream that all methods of a Robot share, for texts."""
+"""Name of the stream in log and error texts. All methods of a Robot share one stream."""
 
 MAX_JUMP_RAD = 0.5
-"""Maximum step of a joint between two pose setpoints. A larger step is rejected."""
+"""Maximum step of a joint between two pose setpoints, rad. A larger step is rejected."""
 
 OFF_COURSE = 0.02
-"""Maximum deviation from the requested tool velocity, as a fraction of it. A larger one means that
-the tool cannot move in this direction."""
+"""Maximum deviation from the requested tool velocity, as a fraction of it. A larger deviation
+means that the tool cannot move in this direction."""
 
 
 class Streams(Arm):
@@ -43,14 +43,16 @@ class Streams(Arm):
     def servo(self, target: 'npt.ArrayLike', velocities: 'npt.ArrayLike | None' = None) -> None:
         """Send a setpoint of a stream: joint positions, shape (n,), rad (m).
 
-        Call it 10 to 500 times a second. velocities: joint velocities at these positions, shape
-        (n,). None: they are estimated. The arm follows the newest setpoint within a fraction of
-        its limits (`Settings.servo_scale`). The first setpoint must be within 0.1 rad of the arm,
-        and the arm stops at the last one. After a stop or disable, send nothing for a second
-        before starting again (docs/servo.md).
+        Call this 10 to 500 times a second. velocities: joint velocities at these positions, shape
+        (n,), rad/s (m/s). None: they are estimated.
 
-        Raises ArgumentError if the setpoint is invalid. If the servo does not accept it now, it is
-        dropped, and RobotError or MotionError is raised.
+        The arm follows the newest setpoint within a fraction of its limits
+        (`Settings.servo_scale`), and stops at the last setpoint. The first setpoint must be within
+        0.1 rad of the arm. After a stop or disable, send no setpoint for a second before starting
+        again (docs/servo.md).
+
+        Raises ArgumentError if the setpoint is invalid. Raises RobotError or MotionError if the
+        servo does not accept the setpoint now, and drops it.
         """
         limits = self.model.limits
         with self._received() as servo:
@@ -122,8 +124,8 @@ class Streams(Arm):
             off = float(np.linalg.norm(jacobian @ joints - target))
             if off > OFF_COURSE * float(np.linalg.norm(target)):
                 raise PathError(
-                    'velocity: the tool cannot move that way here, at a singularity or for want '
-                    'of a joint'
+                    'velocity: the tool cannot move in this direction, because of a singularity '
+                    'or a missing joint'
                 )
             fraction = np.abs(joints) / (servo.settings.scale * self.model.limits.velocity)
             self._take(servo, velocities=joints / max(fraction.max(), 1.0))
@@ -138,7 +140,7 @@ class Streams(Arm):
 
     @contextmanager
     def _received(self) -> Iterator['Servo']:
-        """Yield the servo. Report a ValueError in the block to it as an invalid setpoint."""
+        """Yield the servo. A ValueError in the block is reported to it as an invalid setpoint."""
         servo = self._connection.running.servo
         try:
             yield servo
@@ -159,10 +161,10 @@ class Streams(Arm):
         if not servo.active:
             with refusals():
                 driver.goal_queue.ready_sample(asyncio.get_running_loop().time())
-        raise RobotError(f'the setpoint is not followed: {why}')
+        raise RobotError(f'the setpoint is refused: {why}')
 
     def _commanded(self, servo: 'Servo') -> Array:
-        """Return the joints that the running stream commands, or else the measured, shape (n,)."""
+        """Return the joints that the current stream commands, or else the measured, shape (n,)."""
         commanded = servo.commanded
         return self._connection.sample().positions if commanded is None else commanded
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The synchronous classes of the Python API, derived from the asynchronous ones.
 
-Each function below takes a member of an asynchronous class and returns the corresponding member of
-a synchronous class. The member has the same arguments, types and docstring. It is executed in the
-event loop's thread.
+Each function below takes a member of an asynchronous class, and returns the corresponding member
+of a synchronous class. This has the same arguments, types and docstring, and is executed in the
+thread of the event loop.
 """
 
 import inspect
@@ -38,11 +38,11 @@ class Synchronous(Unique, Generic[A_co]):
 
 
 Via = Callable[[Synchronous[Any], Callable[[], Any]], Any]
-"""Way of calling a function that is not a coroutine: `now` or `measured`."""
+"""Function that calls another function, which is no coroutine: `now` or `measured`."""
 
 
 def now(self: Synchronous[Any], ask: Callable[[], T]) -> T:
-    """Call a function immediately: in the event loop if connected, else in this thread."""
+    """Call a function immediately, in the event loop if connected, or else in this thread."""
     return self._session.call(ask)
 
 
@@ -117,7 +117,10 @@ class Reading(property, Generic[T]):
 
 
 def reads(kind: type[A_co], read: Callable[[A_co], T], via: Via = now) -> Reading[T]:
-    """Derive a property from the one of the asynchronous class `kind` that `read` returns."""
+    """Derive a property from a property of the asynchronous class `kind`.
+
+    `read` returns the value of that property for an object of `kind`.
+    """
     (name,) = read.__code__.co_names
 
     def get(self: Synchronous[A_co]) -> T:
@@ -130,9 +133,9 @@ def reads(kind: type[A_co], read: Callable[[A_co], T], via: Via = now) -> Readin
 def makes(
     make: Callable[P, A_co],
 ) -> Callable[[Callable[[S, A_co], T]], Callable[Concatenate[S, P], T]]:
-    """Decorate a method that takes an asynchronous object: it takes `make`'s arguments instead.
+    """Replace a method's parameter, an asynchronous object, by the parameters of `make`.
 
-    `make` creates the asynchronous object from them.
+    `make` creates the asynchronous object when the method is called.
     """
 
     def decorate(function: Callable[[S, A_co], T]) -> Callable[Concatenate[S, P], T]:
@@ -172,10 +175,10 @@ class Motion(Synchronous[AwaitedMotion]):
     progress = reads(AwaitedMotion, lambda motion: motion.progress)
 
     def wait(self, timeout: float | None = None) -> str:
-        """Wait until the motion ends and return its text. Raises MotionError unless it succeeded.
+        """Wait until the motion ends, and return its text.
 
-        Ctrl-C during the wait stops the arm. Raises TimeoutError after `timeout` s, but the motion
-        continues.
+        Raises MotionError unless the motion succeeded, and TimeoutError after `timeout` s. The
+        motion continues after a timeout. Ctrl-C during the wait stops the arm.
         """
         return self._session.run(partial(self._awaited.finish, timeout))
 
@@ -205,7 +208,7 @@ class Gripper(Synchronous[AwaitedGripper]):
 
 
 class Simulation(Synchronous[AwaitedSimulation]):
-    """Operator actions on a simulated controller. They raise RobotError on any other one."""
+    """Operator actions on a simulated controller. With any other one, they raise RobotError."""
 
     estop = waits(AwaitedSimulation.estop)
     door = waits(AwaitedSimulation.door)
@@ -217,7 +220,8 @@ class Simulation(Synchronous[AwaitedSimulation]):
 class Points(Synchronous[AwaitedPoints]):
     """Taught points: a mapping from names, such as pick or P3, to EpsonPoints. Case is ignored.
 
-    Motions to a point use the configuration nearest to the current one, not the saved posture.
+    A motion to a point uses the arm configuration nearest to the current one, and not the posture
+    that is saved with the point.
     """
 
     __getitem__ = calls(AwaitedPoints.__getitem__)

@@ -19,16 +19,13 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.api.connection import Connection
 
 MAX_WAITING_CALLBACKS = 1000
-"""Maximum number of queued callbacks. More indicate a callback that does not return."""
+"""Maximum number of queued callbacks. More of them show that a callback does not return."""
 
 T = TypeVar('T')
 
 
 class LoopThread:
-    """An event loop in a separate thread, for callers in other threads.
-
-    The thread is a daemon, so that a program can end without calling `close`.
-    """
+    """An event loop in a daemon thread, so that a program can end without calling `close`."""
 
     def __init__(self, name: str) -> None:
         self._loop = asyncio.new_event_loop()
@@ -43,7 +40,7 @@ class LoopThread:
         asyncio.set_event_loop(self._loop)
         try:
             self._loop.run_forever()
-        finally:  # complete all pending requests
+        finally:  # so that all pending requests are completed
             tasks = asyncio.all_tasks(self._loop)
             for task in tasks:
                 task.cancel()
@@ -55,8 +52,7 @@ class LoopThread:
     def run(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """Run a coroutine in the loop and wait for it.
 
-        Ctrl-C cancels the coroutine and waits until it ends, or until a second Ctrl-C. Raises
-        RobotError if the thread was closed, and otherwise the coroutine's exceptions.
+        Ctrl-C cancels the coroutine and waits until it ends, or until a second Ctrl-C.
         """
         self.process.check()
         if threading.current_thread() is self._thread:
@@ -88,7 +84,6 @@ class LoopThread:
             del task  # its error refers to this frame, and the frame keeps the robot alive
 
     def call(self, function: Callable[[], T]) -> T:
-        """Call a function in the loop and return its result."""
 
         async def work() -> T:
             return function()
@@ -96,7 +91,7 @@ class LoopThread:
         return self.run(work)
 
     def leave(self, close: Callable[[], Coroutine[Any, Any, None]]) -> None:
-        """Schedule `close` and then the end of the loop and its thread, without waiting."""
+        """Schedule `close`, and then the end of the loop and its thread. Do not wait for them."""
 
         async def leave() -> None:
             try:
@@ -108,7 +103,6 @@ class LoopThread:
         close_soon(self._loop, self.process, leave)
 
     def close(self) -> None:
-        """End the loop and its thread."""
         with self._lock:
             self._closed = True
             self._loop.call_soon_threadsafe(self._loop.stop)
@@ -118,8 +112,7 @@ class LoopThread:
 class CallbackThread:
     """A thread that calls the user's callbacks, which may block and may use the robot.
 
-    `failed` is called in this thread with the exception of a callback. The thread starts with the
-    first callback.
+    `failed` is called in the callback thread with the exception of a callback.
     """
 
     def __init__(self, name: str, failed: Callable[[Exception], None]) -> None:
@@ -133,10 +126,10 @@ class CallbackThread:
         self._thread: threading.Thread | None = None
 
     def wrap(self, callback: Callable[..., object]) -> Callable[..., None]:
-        """Return a function that queues the callback for this thread and returns immediately.
+        """Return a function that queues the callback, which the callback thread then calls.
 
-        Only the event loop's thread may call the returned function, which raises queue.Full if too
-        many callbacks are queued.
+        Only the event loop's thread may call the returned function. It raises queue.Full if too
+        many callbacks wait.
         """
 
         def put(*args: object) -> None:
@@ -157,14 +150,13 @@ class CallbackThread:
                 self._failed(error)
 
     def close(self) -> None:
-        """Run the queued callbacks and end the thread. Wait for its end, except in a callback."""
+        """Run the queued callbacks, and end the thread. Wait for this, except in a callback."""
         self.leave()
         thread, self._thread = self._thread, None
         if thread is not None and thread is not threading.current_thread():
             thread.join()
 
     def leave(self) -> None:
-        """End the thread after the queued callbacks, without waiting for it."""
         if self._thread is not None:
             self._waiting.put(None)
 
@@ -172,9 +164,8 @@ class CallbackThread:
 class Session:
     """The event loop of a connected Robot, and its callback thread.
 
-    awaited: the asynchronous Robot of the connection. The threads have no reference to the
-    session, so the arm is stopped and the threads end once the Robot and its objects are
-    garbage-collected.
+    The threads have no reference to the session. Therefore the arm stops and the threads end once
+    the Robot and its objects are garbage-collected.
     """
 
     def __init__(self, awaited: object, connection: 'Connection') -> None:
@@ -186,7 +177,6 @@ class Session:
         self.callbacks = CallbackThread('robot callbacks', connection.callback_failed_elsewhere)
 
     def open(self, connect: Callable[[], Coroutine[Any, Any, object]]) -> None:
-        """Start the loop and connect in it. Raises RobotError if already open or on failure."""
         if self._thread is not None:
             self._thread.process.check()
             raise RobotError('the robot is already connected')
@@ -222,14 +212,12 @@ class Session:
             thread.close()
 
     def run(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
-        """Run a coroutine in the event loop and wait. Raises RobotError when not connected."""
         thread = self._thread
         if thread is None:
             raise RobotError('no connection: call connect(), or use a with block')
         return thread.run(work)
 
     def call(self, function: Callable[[], T]) -> T:
-        """Call a function in the event loop if there is one, else in this thread."""
         thread = self._thread
         return function() if thread is None else thread.call(function)
 

@@ -13,8 +13,6 @@ SWITCH = ('true', 'false')
 
 @dataclass(frozen=True)
 class Argument:
-    """An argument of this package's launch files."""
-
     name: str
     default: str
     description: str
@@ -170,9 +168,9 @@ _ROWS = {row.name: row for row in TABLE}
 
 
 def launch_arguments(*names: str, **defaults: str) -> list[dict[str, Any]]:
-    """Return the keyword arguments of DeclareLaunchArgument for each name, in this order.
+    """Return the keyword arguments of DeclareLaunchArgument for each name.
 
-    `defaults`: values that replace the table's defaults, by argument name.
+    `defaults` override the default values of the table.
     """
     return [
         {
@@ -189,7 +187,7 @@ def misspelled_arguments(names: Iterable[str]) -> list[str]:
     """Return a warning for each name that resembles an argument of this package's launch files.
 
     `names`: names of all launch configurations. Other unknown names are not reported, because they
-    may belong to a launch file that includes one of this package.
+    may belong to another launch file that includes one of these files.
     """
     result = ((name, near_name(name, _ROWS)) for name in names if name not in _ROWS)
     return [

@@ -35,8 +35,11 @@ INTERFACE = (
 DESCRIPTION = ('parent', 'origin_xyz', 'origin_rpy')
 """Arguments of every launch file that publishes the robot's description."""
 
-FORWARDED = ('robot_ip', 'robot_model', 'controller', 'interface')
-"""Arguments that are passed to the client as parameters of the same name, if not empty."""
+FORWARDED = ('robot_ip', 'robot_model', 'controller', 'interface', 'password_variable')
+"""Launch arguments that are passed to the client as parameters of the same name, unless empty.
+
+The password variable can only come from a robot's file.
+"""
 
 DEFAULT_MODEL = 'c3_a601s'
 
@@ -45,15 +48,11 @@ _DIGITS = re.compile(r'[0-9]{1,5}', re.ASCII)
 
 PORTS = ('motion_port', 'state_port', 'io_port', 'remote_port')
 SIM_REMOTE_PORT = '5000'
-"""Default Remote Ethernet port of the simulated controller, because a profile may have none."""
+"""Default Remote Ethernet port of the simulated controller, for profiles without such a port."""
 
 
 def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
-    """Return the client's parameters that the launch arguments set.
-
-    The client takes other parameters from params_file. Raises InputError if the model cannot be
-    read, or an address, prefix or port is invalid, and the exceptions of `file_parameters`.
-    """
+    """Return the client's parameters that the launch arguments set."""
     values = _with_robot(values)
     prefix = values['tf_prefix']
     resolved = effective(values)
@@ -67,23 +66,18 @@ def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
         parameters['frame_id'] = prefix + 'base_link'
     if values['robot_ip']:
         HOST.checked(values['robot_ip'], _where('robot_ip'))
-    parameters |= {name: values[name] for name in FORWARDED if values[name]}
+    parameters |= {name: values[name] for name in FORWARDED if values.get(name)}
     ports = _ports(values, resolved).items()
     return parameters | {name: _port(name, port) for name, port in ports if port}
 
 
 def _with_robot(values: Mapping[str, str]) -> dict[str, str]:
-    """Return the launch arguments, with empty ones replaced by the values of the robot's file."""
     own = robot_settings(values['robot']) if values.get('robot') else {}
     return dict(values) | {name: str(own[name]) for name in own if not values.get(name)}
 
 
 def effective(values: Mapping[str, str]) -> dict[str, str]:
-    """Return the launch arguments, with empty ones replaced by the values in params_file.
-
-    An empty robot_model is replaced by DEFAULT_MODEL if params_file has none. Raises the
-    exceptions of `file_parameters`.
-    """
+    """Return the launch arguments. Empty ones are replaced by the values in params_file."""
     values = _with_robot(values)
     path = values['params_file']
     file_values = file_parameters(path, values['namespace']) if path else {}
@@ -98,11 +92,7 @@ def effective(values: Mapping[str, str]) -> dict[str, str]:
 
 
 def controller_arguments(values: Mapping[str, str]) -> list[str]:
-    """Return the command-line arguments of the simulated controller for a client.
-
-    They contain no `--motion` if the profile has a SPEL+ program, which determines the motion.
-    Raises InputError if the profile cannot be read, and the exceptions of `file_parameters`.
-    """
+    """Return the command-line arguments of the simulated controller for a client."""
     values = effective(values)
     arguments = ['--robot', values['robot_model']]
     controller = values['controller']
@@ -112,6 +102,8 @@ def controller_arguments(values: Mapping[str, str]) -> list[str]:
         arguments += ['--host', values['robot_ip']]
     if controller:
         arguments += ['--controller', controller]
+    if variable := values.get('password_variable'):
+        arguments += ['--password-variable', variable]
     for name, port in _ports(values, values).items():
         if port:
             arguments += ['--' + name.replace('_', '-'), str(_port(name, port))]

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """MoveIt configuration of a robot model, as parameters for launch files or as a ROS package.
 
-Values shared by all models are in config/moveit/. The others are derived from the model's data.
+Values shared by all models are in config/moveit/. The other values are derived from the model's
+data.
 """
 
 from pathlib import Path
@@ -17,11 +18,15 @@ from epson_driver.robots.kinematics import singularity_thresholds
 from epson_driver.share import share_path
 
 JOINTS_OF_A_FREE_TOOL = 6
-"""Minimum number of joints for any tool orientation. With fewer, KDL solves for position only."""
+"""Minimum number of joints for any tool orientation.
+
+With fewer joints, KDL finds solutions for the position only.
+"""
 
 MARGIN_FRACTION = 0.05
-"""Maximum margin of MoveIt Servo at each joint limit, as a fraction of the joint's range. It
-reduces the margin of joints with a short range, such as a SCARA's shaft."""
+"""Maximum margin of MoveIt Servo at each joint limit, as a fraction of the joint's range. A joint
+with a short range, such as a SCARA's shaft, thus gets a smaller margin.
+"""
 
 SCARA_CORNERS = 0.01
 """`path_tolerance` of MoveIt's TOTG (time-optimal trajectory generation) for a SCARA, rad and m.
@@ -56,11 +61,7 @@ ament_package()
 def move_group_parameters(
     model: str, prefix: str = '', controller: str = OWN_ACTION, *, fix_start_state: bool = False
 ) -> dict[str, Any]:
-    """Return the parameters of move_group, without the robot's URDF and SRDF.
-
-    `controller`: the node whose action follow_joint_trajectory executes the plans.
-    `fix_start_state`: whether MoveIt plans from the joint limit if a joint is beyond it.
-    """
+    """Return the parameters of move_group, without the robot's URDF and SRDF."""
     joints = [prefix + joint for joint in load_robot_model(model).joint_names]
     rviz = rviz_parameters(model, prefix)
     if fix_start_state:
@@ -74,7 +75,6 @@ def move_group_parameters(
 
 
 def rviz_parameters(model: str, prefix: str = '') -> dict[str, Any]:
-    """Return the parameters of MoveIt's panel in RViz: kinematics, limits and planners."""
     robot = load_robot_model(model)
     limits = joint_limits(robot, prefix)
     pipelines = _load('planning_pipelines.yaml')
@@ -87,10 +87,6 @@ def rviz_parameters(model: str, prefix: str = '') -> dict[str, Any]:
 
 
 def servo_parameters(model: str) -> dict[str, Any]:
-    """Return the parameters of MoveIt Servo: config/moveit/servo.yaml, adapted to the model.
-
-    The singularity thresholds and the joint limit margins depend on the model.
-    """
     parameters = _load('servo.yaml')
     robot = load_robot_model(model)
     (margin,) = parameters['moveit_servo']['joint_limit_margins']
@@ -104,9 +100,9 @@ def servo_parameters(model: str) -> dict[str, Any]:
 
 
 def joint_limits(model: RobotModel, prefix: str = '') -> dict[str, Any]:
-    """Return MoveIt's joint_limits.yaml for a model, in SI units, without position limits.
+    """Return MoveIt's joint_limits.yaml for a model.
 
-    The URDF has the position limits.
+    It lacks position limits, which are in the URDF.
     """
     rows: dict[str, dict[str, Any]] = {prefix + joint: {} for joint in model.joint_names}
     for quantity in ('velocity', 'acceleration', 'jerk'):
@@ -119,9 +115,8 @@ def joint_limits(model: RobotModel, prefix: str = '') -> dict[str, Any]:
 def write_moveit_package(name: str, folder: Path) -> list[Path]:
     """Write a ROS package for MoveItConfigsBuilder, and return its files.
 
-    `name`: a model. The package has the name of the folder. The builder finds the package by the
-    model's name if the folder is called MODEL_moveit_config. Raises OSError if the folder exists
-    already or cannot be written, and the exceptions of `robot_description`.
+    The package has the name of the folder. The builder finds it by the model's name if the folder
+    is called MODEL_moveit_config. Raises OSError if the folder exists already.
     """
     model = load_robot_model(name)
     urdf, srdf = robot_description(name), semantic_description(name)

@@ -14,11 +14,7 @@ NODE_NAME = 'epson_driver'
 
 
 def file_parameters(path: str, namespace: str) -> dict[str, Any]:
-    """Return the parameters that a file has for the client in a namespace.
-
-    A later section overrides an earlier one. Raises BringupError if the file does not exist or has
-    no section for the client, InputError if it is not YAML.
-    """
+    """Return the client's parameters in a file. A later section overrides an earlier one."""
     if not Path(path).is_file():
         raise BringupError(f'launch argument params_file = {path}: no such file')
     node = '/' + '/'.join([*filter(None, namespace.split('/')), NODE_NAME])
@@ -45,14 +41,11 @@ EACH = (
     'origin_xyz',
     'origin_rpy',
 )
-"""Arguments with one value for all robots, or a comma-separated value for each robot."""
+"""Arguments with one value for all robots, or with one comma-separated value for each robot."""
 
 
 def several_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
-    """Return the arguments of each robot: one mapping per namespace.
-
-    Raises BringupError if an argument has the wrong number of values.
-    """
+    """Return the arguments of each robot: one mapping per namespace."""
     namespaces = values['namespaces']
     names = _words(namespaces)
     if '' in names or len(set(names)) != len(names):
@@ -79,11 +72,7 @@ def several_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
 
 
 def fleet_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
-    """Return the arguments of each robot in params_file, or only of the robots in `robots`.
-
-    Each robot has a section named after its node, such as `/robot_1/epson_driver`. Raises
-    BringupError if the file has no robot or lacks one of `robots`, InputError if it is not YAML.
-    """
+    """Return the arguments of all robots in params_file, or only of the robots in `robots`."""
     path = values['params_file']
     if not Path(path).is_file():
         raise BringupError(f'launch argument params_file = {path}: no such file')

@@ -16,21 +16,26 @@ CONTROLLER = 'joint_trajectory_controller'
 DEFAULT_PROFILE = 'simulated'
 
 GOAL_TOLERANCE = {'revolute': 0.01, 'prismatic': 0.001}
-"""Goal tolerance of the controller by joint type, rad or m."""
+"""Joint type → goal tolerance of the controller, rad or m."""
 
 PATH_TOLERANCE_S = 0.5
-"""Path tolerance as a lag of the arm behind the setpoint, s. An arm that follows the setpoints
-lags less. A larger lag aborts the goal."""
+"""Time by which the arm may lag behind the setpoint, s. It determines the path tolerance.
+
+An arm that follows the setpoints lags less. A larger lag aborts the goal.
+"""
 
 SERVO_SCALE = 0.25
-"""Default of the driver's `servo.scale`: fraction of the joints' velocity, acceleration and jerk
-limits that streams of setpoints may use."""
+"""Default of the driver's `servo.scale`.
+
+It is the fraction of the joints' velocity, acceleration and jerk limits that streams of setpoints
+may use.
+"""
 
 
 def ros2_control_arguments(namespace: str) -> dict[str, str]:
     """Return the arguments of epson_robot.urdf.xacro that add the ros2_control block.
 
-    Topics are absolute, because the node of the hardware plugin may be outside the namespace.
+    Topics are absolute, because the hardware plugin's node may be outside of the namespace.
     """
     inside = '/' + namespace.strip('/') if namespace.strip('/') else ''
     return {
@@ -48,10 +53,7 @@ def first_joint_state(namespace: str) -> list[str]:
 
 
 def controllers_parameters(model: str, prefix: str = '') -> dict[str, Any]:
-    """Return the model's values for config/ros2_control/controllers.yaml.
-
-    These are the joint names, with the prefix, and the path and goal tolerance of each joint.
-    """
+    """Return the model's values for config/ros2_control/controllers.yaml."""
     robot = load_robot_model(model)
     joints = [prefix + name for name in robot.joint_names]
     path_tolerances = (PATH_TOLERANCE_S * SERVO_SCALE * robot.limits.velocity).round(3).tolist()

@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from xml.etree import ElementTree
 
+from epson_driver.inputs import printable
 from epson_driver.processes.command import EXECUTABLES, open_closed_streams
 from epson_driver.processes.interrupt import (
     INTERRUPTED,
@@ -15,23 +16,24 @@ from epson_driver.processes.interrupt import (
     leave_at_interrupt,
     raise_at_interrupt,
 )
+from epson_driver.processes.ros_shell import ros_problem
 from epson_driver.share import share_path
+
+NEED_ROS = ('client', 'demo', 'fleet', 'smooth_goals')
 
 INTERFACES = ('epson_msgs', 'industrial_msgs')
 """Message packages without a binary release. They are built from interfaces/."""
 
 NO_WHEELS = ('control_msgs', 'tf2_msgs', *INTERFACES)
-"""Message packages without wheels on PyPI."""
 
 NOT_OF_ROS = {'matplotlib': 'report', 'lsprotocol': 'editor', 'pygls': 'editor'}
-"""Optional modules that ROS does not contain, and the extra that installs each."""
+"""Optional modules that are not part of ROS, each with the extra that installs it."""
 
 BROKEN_PIPE = 141
-"""Exit code after the reader of a pipe has closed it: 128 + SIGPIPE, like in shells."""
+"""Exit code if the reader of a pipe has closed it: 128 + SIGPIPE, as in shells."""
 
 
 def main() -> int:
-    """Run the executable named first with the remaining arguments, and return its exit code."""
     leave_at_interrupt()
     open_closed_streams()
     try:
@@ -49,7 +51,6 @@ def main() -> int:
 
 
 def version() -> str:
-    """Return the version of this package, from its package.xml."""
     package = ElementTree.parse(share_path('package.xml'))  # noqa: S314 - our own file
     return str(package.findtext('version'))
 
@@ -68,6 +69,10 @@ def _run() -> int:
         print(f'{_unknown(name)}{_usage()}', file=sys.stderr)
         return 2
     del sys.argv[1]
+    asks_help = not {'-h', '--help'}.isdisjoint(sys.argv)
+    if name in NEED_ROS and not asks_help and (problem := ros_problem()):
+        print(f'epson_driver {name}: {printable(problem)}', file=sys.stderr)
+        return 1
     ready = False
     try:
         executable = import_module(f'epson_driver.cli.{name}')
@@ -92,7 +97,6 @@ def _usage() -> str:
 
 
 def _unknown(name: str) -> str:
-    """Return the error text for an unknown executable, or '' if no name was given."""
     if not name:
         return ''
     near = get_close_matches(name.lower(), EXECUTABLES, n=1, cutoff=0.5)

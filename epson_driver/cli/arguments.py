@@ -13,32 +13,30 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from epson_driver.inputs import HOST, InputError, Rule, count, printable, shown
+from epson_driver.inputs import HOST, VARIABLE, InputError, Rule, count, printable, shown
 from epson_driver.setup.robot_file import is_robot_file, robot_settings
 
 PORT = Rule(count(1, 65_535).read, 'must be a port from 1 to 65535')
 FREE_PORT = Rule(count(0, 65_535).read, 'must be a port from 0 to 65535')
-"""Rule for a port to listen on. 0 selects any free port."""
 
 DEFAULT_MODEL = 'c3_a601s'
 
 
 def add_robot(parser: argparse.ArgumentParser) -> None:
-    """Add the option --robot."""
     text = 'robot model, or a .yaml file (default: %(default)s)'
     parser.add_argument('--robot', default=DEFAULT_MODEL, metavar='MODEL', help=text)
 
 
 def add_controller(parser: argparse.ArgumentParser, about: str = 'controller profile') -> None:
-    """Add the option --controller. `about` is the start of its help text."""
     text = f'{about}, or a .yaml file (default: %(default)s)'
     parser.add_argument('--controller', default='simulated', metavar='PROFILE', help=text)
 
 
 def add_password(parser: argparse.ArgumentParser) -> None:
-    """Add the option --password."""
-    text = 'Remote Ethernet password (default: none)'
-    parser.add_argument('--password', default='', metavar='TEXT', help=text)
+    text = 'environment variable that contains the Remote Ethernet password (default: no password)'
+    parser.add_argument(
+        '--password-variable', type=argument(VARIABLE, str), default='', metavar='NAME', help=text
+    )
 
 
 def add_ports(parser: argparse.ArgumentParser, unused: str) -> None:
@@ -57,9 +55,9 @@ class _Formatter(argparse.HelpFormatter):
 
 
 def help_texts(description: str, examples: Sequence[str], codes: str, more: str = '') -> Any:
-    """Return the keyword arguments of an ArgumentParser with these help texts.
+    """Return keyword arguments of ArgumentParser.
 
-    `codes`: the exit codes. `more`: text after them.
+    `codes` describes the exit codes, and `more` is the text after them.
     """
     lines = ['examples:', *(f'  epson_driver {example}' for example in examples)]
     epilog = '\n'.join([*lines, '', f'exit codes: {codes}', more]).strip()
@@ -67,9 +65,9 @@ def help_texts(description: str, examples: Sequence[str], codes: str, more: str 
 
 
 def argument(rule: Rule, parse: Callable[[str], object] | None = None) -> Callable[[str], Any]:
-    """Return a `type` for argparse that parses a text, and checks the value by a rule.
+    """Return a `type` for argparse that checks a rule.
 
-    `parse` defaults to a parser for numbers.
+    `parse` converts the text (default: to a number).
     """
 
     def read(text: str) -> Any:
@@ -83,9 +81,10 @@ def argument(rule: Rule, parse: Callable[[str], object] | None = None) -> Callab
 
 
 def host(text: str) -> str:
-    """Return the address of a controller."""
     if text.endswith('.yaml'):
-        raise argparse.ArgumentTypeError(f'{printable(text)}: must be a file made by connect')
+        raise argparse.ArgumentTypeError(
+            f'{printable(text)}: must be a file written by `epson_driver connect`'
+        )
     return str(argument(HOST, str)(text))
 
 
@@ -93,14 +92,15 @@ def parsed(
     parser: argparse.ArgumentParser,
     words: Sequence[str] | None = None,
     *,
-    positional: str = 'robot_ip',
+    positional: str = '',
     refused: str = '',
 ) -> argparse.Namespace:
-    """Return the parsed arguments of a command.
+    """Parse a command line that may contain a robot's file (robot.yaml) instead of a value.
 
-    A robot's file (robot.yaml) may be given instead of a value: after --robot it stands for its
-    model, elsewhere for its setting `positional`. Its other settings replace the parser's
-    defaults. `refused`: why the command accepts no such file, or ''.
+    After --robot, the file's robot model is used, and after other options its address. As an
+    argument of its own it is the file's setting `positional`, or an error if this is ''. The other
+    settings of the file replace the parser's defaults. `refused` is the reason why the command
+    accepts no such file, or ''.
     """
     words = list(sys.argv[1:] if words is None else words)
     end = words.index('--') if '--' in words else len(words)
@@ -116,6 +116,13 @@ def parsed(
             parser.error(str(error))
         option = option or (words[index - 1] if index else '')
         key = 'robot_model' if option == '--robot' else positional
+        if option.startswith('--'):
+            key = key or 'robot_ip'
+        elif not key:
+            parser.error(
+                f'{printable(name)}: a robot file must follow --robot, --host or --address; only '
+                'client, connect, doctor and first_run take it alone'
+            )
         words[index] = f'{word[: -len(name)]}{settings.get(key, DEFAULT_MODEL)}'
         defaults = settings | {'robot': settings.get('robot_model')}
         if option == '--host' and settings.get('remote_port'):
@@ -127,7 +134,6 @@ def parsed(
 
 
 def define(text: str) -> tuple[str, str]:
-    """Return the name and the value of NAME=VALUE, the new value of a #define in SPEL+."""
     name, equals, value = text.partition('=')
     if not equals or not name.strip():
         rule = 'must be NAME=VALUE, or NAME= to turn it off'
@@ -135,28 +141,25 @@ def define(text: str) -> tuple[str, str]:
     return name.strip(), value
 
 
-PICTURES = ('.png', '.pdf', '.svg', '.jpg')
+def path_with(*suffixes: str) -> Callable[[str], Path]:
+    """Return a `type` for argparse that accepts paths with one of these suffixes."""
+
+    def read(text: str) -> Path:
+        path = Path(text)
+        if path.suffix not in suffixes:
+            rule = f'must end in {" or ".join(suffixes)}'
+            raise argparse.ArgumentTypeError(f'{printable(shown(text))}: {rule}')
+        return path
+
+    return read
 
 
-def picture(text: str) -> Path:
-    """Return the path of a picture. Raises ArgumentTypeError for an unsupported suffix."""
-    path = Path(text)
-    if path.suffix not in PICTURES:
-        rule = f'must end in {" or ".join(PICTURES)}'
-        raise argparse.ArgumentTypeError(f'{printable(shown(text))}: {rule}')
-    return path
-
-
-def page(text: str) -> Path:
-    """Return the path of a report page. Raises ArgumentTypeError unless it ends in .html."""
-    path = Path(text)
-    if path.suffix != '.html':
-        raise argparse.ArgumentTypeError(f'{printable(shown(text))}: must end in .html')
-    return path
+page = path_with('.html')
+picture = path_with('.png', '.pdf', '.svg', '.jpg')
 
 
 def if_in_use(cause: BaseException | None) -> str:
-    """Return advice if `cause` says that another process uses the port, else ''."""
+    """Return advice if `cause` means that another process uses the port, else ''."""
     if not isinstance(cause, OSError) or cause.errno != errno.EADDRINUSE:
         return ''
     return (
@@ -178,9 +181,9 @@ def _number(text: str) -> int | float:
 
 
 def with_start_joined(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments with `--start -1.0,0.2` joined by `=` into one argument.
+    """Join an option and its value, as in `--start=-1.0,0.2`.
 
-    argparse would read the value as an option, because it starts with a minus sign.
+    argparse would otherwise treat a value that starts with - as an option.
     """
     joined: list[str] = []
     for word in arguments:

@@ -17,7 +17,6 @@ from epson_driver.setup.table import ROWS
 
 
 def main() -> int:
-    """Run the nodes until SIGINT or SIGTERM, and return the exit code."""
     try:
         if is_robot_file(sys.argv[1] if len(sys.argv) > 1 else ''):
             robot_settings(sys.argv[1])

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver connect ADDRESS`: find out what the robot is, and write it to robot.yaml."""
+"""`epson_driver connect ADDRESS`: identify the robot, and write its settings to robot.yaml."""
 
 import argparse
 import asyncio
@@ -11,10 +11,10 @@ from pathlib import Path
 from rich.console import Console
 
 from epson_driver.cli.arguments import help_texts, parsed
-from epson_driver.cli.doctor import tell
+from epson_driver.cli.doctor import print_finding
 from epson_driver.cli.robot_arguments import add_robot_arguments, look
 from epson_driver.doctor.findings import Findings
-from epson_driver.doctor.look import tell_look
+from epson_driver.doctor.look import report_look
 from epson_driver.inputs import InputError, printable, write_file
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots.catalogue import model_name
@@ -26,20 +26,19 @@ Which address does the controller have? It is shown
   on this machine, if it has talked to the controller: ip neigh
 This machine needs an address in the same network. Then: epson_driver connect ADDRESS"""
 
-PORTS = ('motion_port', 'state_port', 'io_port', 'remote_port')
+OPTIONAL = ('motion_port', 'state_port', 'io_port', 'remote_port', 'password_variable')
 
 
 def main() -> int:
-    """Identify the controller and write robot.yaml. Returns 0 if it is written, else 1."""
     parser = _parser()
-    arguments = parsed(parser)
+    arguments = parsed(parser, positional='robot_ip')
     if arguments.address is None:
         print(NO_ADDRESS, file=sys.stderr)
         return 2
     if arguments.file.exists():
         parser.error(f'{printable(arguments.file)} exists: delete it, or choose another --file')
     console = Console(highlight=False)
-    findings = Findings(lambda finding: tell(console, finding))
+    findings = Findings(lambda finding: print_finding(console, finding))
     try:
         if arguments.robot:
             arguments.robot = model_name(arguments.robot)
@@ -47,7 +46,7 @@ def main() -> int:
             load_controller_profile(arguments.controller)
         with Console(stderr=True).status(f'looking at {arguments.address}'):
             seen = asyncio.run(look(arguments))
-        if not tell_look(seen, findings):
+        if not report_look(seen, findings):
             return findings.exit_code
         model = seen.model or _asked_model()
         if not model:
@@ -58,7 +57,9 @@ def main() -> int:
             'robot_model': model,
         }
         settings |= {
-            name: value for name in PORTS if (value := getattr(arguments, name)) is not None
+            name: value
+            for name in OPTIONAL
+            if (value := getattr(arguments, name)) not in (None, '')
         }
         about = f'Made by epson_driver connect, {datetime.now(UTC):%Y-%m-%d}: {seen.why}.'
         write_file(arguments.file, robot_text(settings, about))
@@ -73,7 +74,6 @@ def main() -> int:
 
 
 def _asked_model() -> str:
-    """Return the model that the user enters, or '' without a terminal."""
     while sys.stdin.isatty():
         try:
             return model_name(input('Robot model, as on its plate, such as T6-602S: '))

@@ -3,9 +3,10 @@
 """`epson_driver demo`: executes a planned trajectory through ROS 2 on a simulated controller.
 
 The demo starts sim_controller and client as separate processes, enables the arm, sends the
-trajectory as a FollowJointTrajectory goal, and reports the measured motion. With --compare it runs
-twice: with a controller that rests at every point, then with one that smooths. With --stay,
-controller and driver keep running afterwards, with a panel in the browser.
+trajectory as a FollowJointTrajectory goal, and reports the measured motion. With --compare the
+demo runs twice, first with a controller that rests at every point, then with a controller that
+smooths the motion. With --stay, controller and driver keep running afterwards, with a panel in the
+browser.
 """
 
 import argparse
@@ -31,18 +32,12 @@ from epson_driver.trajectory_file import read_trajectory
 
 TRAJECTORY = share_path('config', 'trajectories', 'around_pillar_11_points.yaml')
 TRAJECTORY_OF_SCARAS = share_path('config', 'trajectories', 'scara_pick_and_place.yaml')
-"""Default trajectories: the first for six-axis arms, the second for SCARAs."""
 
 NATIVE = 'simulated'
-"""Profile of the built-in program, with which --compare compares a SPEL+ program."""
+"""Profile of the built-in program. --compare compares a SPEL+ program with it."""
 
 
 def main() -> int:
-    """Run the demo, and return the exit code.
-
-    0: the arm followed the plan. 1: it did not, or the demo failed. 2: the panel is not installed.
-    3: uncertain. 130: Ctrl-C.
-    """
     arguments = _arguments()
     console = Console()
     if arguments.panel and panel_missing():
@@ -140,7 +135,6 @@ def _arguments() -> argparse.Namespace:
 
 
 def _fitting(file: Path, model: RobotModel) -> Trajectory:
-    """Return the trajectory in a file, with its joints in the model's order."""
     trajectory = read_trajectory(file)
     if sorted(trajectory.joint_names) != sorted(model.joint_names):
         raise InputError(
@@ -151,7 +145,6 @@ def _fitting(file: Path, model: RobotModel) -> Trajectory:
 
 
 def _motions(arguments: argparse.Namespace) -> list[tuple[str, str]]:
-    """Return the motions to run, in order, each with its controller profile."""
     profile = arguments.controller
     if arguments.spel:
         return [*([('smooth', NATIVE)] if arguments.compare else []), ('spel', profile)]

@@ -20,13 +20,13 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
-from epson_driver.cli.arguments import DEFAULT_MODEL, argument, help_texts, parsed
+from epson_driver.cli.arguments import DEFAULT_MODEL, argument, help_texts, parsed, path_with
 from epson_driver.cli.robot_arguments import add_robot_arguments, look, question
 from epson_driver.doctor.controller_checks import MIN_LISTENING_S, check_controller
 from epson_driver.doctor.environment import check_environment
-from epson_driver.doctor.findings import Finding, Findings, Level, as_text, tell_drivers
+from epson_driver.doctor.findings import Finding, Findings, Level, as_text, report_drivers
 from epson_driver.doctor.learning import profile_text, unknown, why_not
-from epson_driver.doctor.look import tell_look
+from epson_driver.doctor.look import report_look
 from epson_driver.doctor.state_facts import Facts
 from epson_driver.inputs import InputError, number, printable, write_file
 from epson_driver.processes.command import module_command
@@ -38,32 +38,27 @@ COLOURS = {
     Level.OK: 'green',
     Level.NOTE: 'yellow',
     Level.WRONG: 'bold red',
-    Level.HELD: 'bold red',
+    Level.INHIBIT: 'bold red',
     Level.SKIPPED: 'dim',
 }
 
 DISCOVERY_S = 3.0
 """Time for ROS to discover the other nodes, s."""
 
-ORDER = (Level.WRONG, Level.HELD, Level.NOTE, Level.SKIPPED, Level.OK)
+ORDER = (Level.WRONG, Level.INHIBIT, Level.NOTE, Level.SKIPPED, Level.OK)
 
 GRAPH_TIMEOUT_S = 60.0
-"""Timeout of the process that reads the ROS graph, s."""
 
 
 def main() -> int:
-    """Run all permitted checks, and return the exit code.
-
-    0: nothing is wrong and nothing keeps the arm from moving. 1: otherwise. 130: Ctrl-C.
-    """
     parser = _parser()
-    arguments = parsed(parser)
+    arguments = parsed(parser, positional='robot_ip')
     if arguments.address is None and (arguments.learn or arguments.ask or arguments.jog):
         parser.error('--learn, --ask and --jog need the address of a controller')
     if arguments.learn and arguments.learn.exists():
         parser.error(f'--learn {printable(arguments.learn)}: must be a new file')
     console = Console(highlight=False)
-    at_once = partial(tell, console) if arguments.jog else lambda finding: None
+    at_once = partial(print_finding, console) if arguments.jog else lambda finding: None
     try:
         if arguments.controller:
             load_controller_profile(arguments.controller)
@@ -79,20 +74,19 @@ def main() -> int:
         return _finish(arguments, findings, facts, console, ros=ros)
     except (OSError, InputError) as error:
         parser.error(printable(error))
-    except (KeyboardInterrupt, EOFError):
+    except EOFError:
         return INTERRUPTED
 
 
 async def _check(
     arguments: argparse.Namespace, findings: Findings, before: Callable[[], None]
 ) -> tuple[Facts, RobotModel] | None:
-    """Check the controller. Return the facts and its model, or None if there is no controller."""
     if arguments.address is None:
         return None
     if arguments.controller is None:
         findings.busy(f'looking at {arguments.address}: Remote Ethernet and state ports')
         seen = await look(arguments)
-        if not tell_look(seen, findings):
+        if not report_look(seen, findings):
             return None
         arguments.controller, arguments.robot = seen.profile, seen.model or None
     checks = question(arguments, arguments.seconds, arguments.ask, arguments.io)
@@ -107,7 +101,6 @@ async def _asked(before: Callable[[], None], sentence: str) -> str:
 
 @contextmanager
 def _graph_reader() -> Iterator[subprocess.Popen[str]]:
-    """Run a process that prints the drivers of this ROS domain during the block."""
     command = module_command('epson_driver.doctor.ros_graph', f'{DISCOVERY_S:g}')
     with subprocess.Popen(  # noqa: S603 - our own
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
@@ -126,7 +119,6 @@ def _finish(
     *,
     ros: bool,
 ) -> int:
-    """Write the files, and print the findings and the verdict."""
     if arguments.learn is not None:
         if facts:
             about = f'{arguments.address}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC'
@@ -152,8 +144,8 @@ def _finish(
     return findings.exit_code
 
 
-def tell(console: Console, finding: Finding) -> None:
-    """Print a finding, and its remedy on another line. A terminal wraps both at words."""
+def print_finding(console: Console, finding: Finding) -> None:
+    """Print a finding, and its remedy on the next line. A terminal wraps both between words."""
     about, result = escape(printable(finding.about)), escape(printable(finding.text))
     level = f'[{COLOURS[finding.level]}]{finding.level.value:8}[/]'
     rows = [(level, f'[bold]{about}[/]: {result}')]
@@ -171,7 +163,10 @@ def tell(console: Console, finding: Finding) -> None:
 
 
 def _show(console: Console, findings: Findings, *, everything: bool, ros: bool) -> None:
-    """Print the findings, the worst first. `everything`: do not combine what is in order."""
+    """Print the findings, the worst first.
+
+    Without `everything`, passed checks share one line.
+    """
     shown = sorted(findings.all, key=lambda item: ORDER.index(item.level))
     fine = [item for item in shown if item.level is Level.OK]
     if not everything and fine:
@@ -180,7 +175,7 @@ def _show(console: Console, findings: Findings, *, everything: bool, ros: bool) 
         shown.append(Finding(Level.OK, 'also in order', names))
     for item in shown:  # `~/` marks a ROS service
         remedy = item.remedy if ros else item.remedy.replace('~/', '')
-        tell(console, dataclasses.replace(item, remedy=remedy))
+        print_finding(console, dataclasses.replace(item, remedy=remedy))
 
 
 def _check_graph(process: subprocess.Popen[str], model: RobotModel, findings: Findings) -> None:
@@ -188,10 +183,9 @@ def _check_graph(process: subprocess.Popen[str], model: RobotModel, findings: Fi
         report, _ = process.communicate(timeout=GRAPH_TIMEOUT_S)
         result = json.loads(report.strip().rpartition('\n')[2])
     except (subprocess.TimeoutExpired, ValueError):
-        text = 'unknown: ROS does not start, see below'
-        findings.skipped('driver, MoveIt', text)
+        findings.skipped('driver, MoveIt', 'unknown: ROS does not start, see below')
         return
-    tell_drivers(result['drivers'], findings)
+    report_drivers(result['drivers'], findings)
     joints = result['moveit']
     if joints is None:
         findings.skipped('MoveIt', 'no move_group runs in this domain')
@@ -221,9 +215,7 @@ def _parser() -> argparse.ArgumentParser:
         parser,
         'address of the controller (default: none, only ROS and this machine are checked)',
     )
-    parser.add_argument(
-        '--all', action='store_true', help='print what is in order too, a line each'
-    )
+    parser.add_argument('--all', action='store_true', help='print each check that passed, too')
     parser.add_argument(
         '--seconds',
         type=argument(number(MIN_LISTENING_S, 600.0)),
@@ -249,7 +241,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--learn',
-        type=_profile,
+        type=path_with('.yaml'),
         metavar='FILE',
         help='new file for a controller profile, NAME.yaml',
     )
@@ -263,10 +255,3 @@ def _parser() -> argparse.ArgumentParser:
         '--save', type=Path, metavar='FILE', help='text file with all findings, for a bug report'
     )
     return parser
-
-
-def _profile(text: str) -> Path:
-    path = Path(text)
-    if path.suffix != '.yaml':
-        raise argparse.ArgumentTypeError(f'{printable(text)}: must end in .yaml')
-    return path

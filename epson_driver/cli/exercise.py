@@ -33,16 +33,12 @@ from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 
 USUAL_ATTEMPTS = 3
-"""Maximum number of runs without a fault. A busy machine may disturb one of them."""
+"""Maximum number of runs without a fault. A busy machine may disturb some of them."""
 
 COLOURS = {Verdict.FINISHED: 'green', Verdict.GAVE_UP: 'cyan'}
 
 
 def main() -> int:
-    """Run a program once per fault, and return the exit code.
-
-    0: it finished or gave up with a reason in every case. 1: it did not. 2: it could not run.
-    """
     parser = _parser()
     arguments = parsed(parser, with_start_joined(sys.argv[1:]))
     if arguments.list:
@@ -117,7 +113,6 @@ def _exercise(arguments: argparse.Namespace, folder: Path, console: Console) -> 
 
 
 def _usual(exercise: Exercise, folder: Path, console: Console) -> Observed:
-    """Run the program without a fault. Repeat it if the driver aborted a goal."""
     for attempt in range(1, USUAL_ATTEMPTS + 1):
         console.print(f'{NO_FAULT.name} …')
         name = 'no_fault' if attempt == 1 else f'no_fault_{attempt}'
@@ -160,8 +155,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver exercise',
         **help_texts(
-            'Run a program that uses the driver against the simulated controller, once per fault, '
-            'and report how it reacted.',
+            'Run a ROS program that uses the driver against the simulated controller, once per '
+            'fault, and report how it reacted. A program that uses Robot needs no driver: test it '
+            'with Robot.simulated() and robot.simulation.fault().',
             (
                 'exercise -- python3 my_program.py',
                 'exercise --fault estop --junit results.xml -- ros2 launch my_cell cell.launch.py',

@@ -16,11 +16,11 @@ from rich.console import Console
 from rich.markup import escape
 
 from epson_driver.cli.arguments import DEFAULT_MODEL, help_texts, parsed
-from epson_driver.cli.doctor import tell
+from epson_driver.cli.doctor import print_finding
 from epson_driver.cli.robot_arguments import add_robot_arguments, look, question
 from epson_driver.doctor.findings import Finding, Findings, Level
-from epson_driver.doctor.look import tell_look
-from epson_driver.first_run.book import FirstRunRecord, load
+from epson_driver.doctor.look import report_look
+from epson_driver.first_run.record import FirstRunRecord, load
 from epson_driver.first_run.run import go_through
 from epson_driver.first_run.steps import FirstRun
 from epson_driver.inputs import InputError, printable
@@ -28,22 +28,20 @@ from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.robots.catalogue import model_name
 
 LISTENING_S = 5.0
-"""Duration for which the state port is observed, s."""
 
 
 def main() -> int:
-    """Run the steps. Returns 0 if all are done, 1 if some failed or remain, 130 after Ctrl-C."""
     parser = _parser()
-    arguments = parsed(parser)
+    arguments = parsed(parser, positional='robot_ip')
     if arguments.address is None:
         parser.error('the address of a controller, or a file of connect, is needed')
     path = arguments.file or Path(f'first_run_{arguments.address}.html'.replace(':', '_'))
     console = Console(highlight=False)
-    findings = Findings(lambda finding: _tell(console, finding))
+    findings = Findings(lambda finding: _print_unless_skipped(console, finding))
     try:
         if not arguments.controller:
             seen = asyncio.run(look(arguments))
-            if not tell_look(seen, findings):
+            if not report_look(seen, findings):
                 return findings.exit_code
             if not seen.model:
                 parser.error('the controller does not report its model: give --robot MODEL')
@@ -54,29 +52,29 @@ def main() -> int:
             'controller': arguments.controller,
             'robot': arguments.robot,
         }
-        book = load(path) if path.exists() else FirstRunRecord(about | _versions())
+        record = load(path) if path.exists() else FirstRunRecord(about | _versions())
         for key, value in about.items():
-            if book.about[key] != value:
-                rule = f'is for {key} {book.about[key]}: use that, or another --file'
+            if record.about[key] != value:
+                rule = f'is for {key} {record.about[key]}: use that, or another --file'
                 raise InputError(f'{printable(path)}: {rule}')
         run = FirstRun(question(arguments, LISTENING_S), _Keyboard().ask, findings)
-        ended = asyncio.run(go_through(run, book, path, lambda text: _say(console, text)))
+        ended = asyncio.run(go_through(run, record, path, lambda text: _say(console, text)))
     except (OSError, InputError) as error:
         parser.error(printable(error))
     except (KeyboardInterrupt, EOFError):
         console.print(f'\nended, completed steps are saved in {escape(printable(path))}')
         return INTERRUPTED
-    for habit in book.habits:
+    for habit in record.habits:
         message = f'[bold]habit[/]  {escape(printable(habit))}'
         console.print(message, soft_wrap=not console.is_terminal)
     console.print(f'page, also for sim_controller --profile-from: {printable(path)}')
-    failed = any(item.state == 'failed' for item in book.entries.values())
+    failed = any(item.state == 'failed' for item in record.entries.values())
     return int(failed or not ended)
 
 
-def _tell(console: Console, finding: Finding) -> None:
+def _print_unless_skipped(console: Console, finding: Finding) -> None:
     if finding.level is not Level.SKIPPED:  # a later step makes the skipped checks
-        tell(console, finding)
+        print_finding(console, finding)
 
 
 def _say(console: Console, text: str) -> None:
@@ -91,7 +89,6 @@ class _Keyboard:
         self._typed = b''
 
     async def ask(self, sentence: str) -> str:
-        """Print a question, and return the line typed after it. Raises EOFError without one."""
         loop, file = asyncio.get_running_loop(), sys.stdin.fileno()
         if os.isatty(file):  # drop lines typed before the question
             termios.tcflush(file, termios.TCIFLUSH)

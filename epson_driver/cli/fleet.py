@@ -36,33 +36,25 @@ from epson_driver.processes.processes import Process, RunError
 PROGRAM, START_TIMEOUT_S = 'fast-discovery-server', 300.0
 SERVER, RANGE = 'ROS_DISCOVERY_SERVER', 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 WINDOW_S, QUEUE = 2.0, 2000
-"""Interval over which the table shows means, s, and maximum number of joint states in it."""
+"""Interval over which the table shows means, s. Maximum number of joint states in it."""
 
 
 class Row(NamedTuple):
-    """One row of the table.
-
-    * state: the driver's link state, or the process that has ended.
-    * rate: rate of the joint states, Hz.
-    * cpu, memory: cores in use, and bytes.
-    """
-
     name: str
-    state: str
-    rate: float
-    cpu: float
-    memory: int
+    state: str  # the driver's link state, or the process that has ended
+    rate: float  # rate of the joint states, Hz
+    cpu: float  # cores in use
+    memory: int  # memory in use, bytes
 
     @property
     def up(self) -> bool:
-        """Whether both processes run, and the driver is connected and sends joint states."""
         return self.state == 'connected' and self.rate > 0.0
 
 
 class Fleet:
-    """The running robots, and the states received from their drivers.
+    """The states of running robots.
 
-    `robots`: the processes of driver and controller, by namespace.
+    `robots`: namespace → processes of the driver and the controller.
     """
 
     def __init__(self, robots: dict[str, tuple[Process, Process]]) -> None:
@@ -87,7 +79,6 @@ class Fleet:
             )
 
     def rows(self) -> list[Row]:
-        """Measure for WINDOW_S, and return a row for each robot."""
         before, start, _ = self._used(), time.monotonic(), self._count()
         while (remaining := start + WINDOW_S - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=min(remaining, 0.1))
@@ -109,7 +100,6 @@ class Fleet:
 
 
 def _use(process_id: int) -> tuple[float, int]:
-    """Return a process's CPU time, s, and memory, bytes. Both are 0 once it has ended."""
     folder = Path('/proc', str(process_id))
     try:
         fields = (folder / 'stat').read_text('ascii').rpartition(')')[2].split()
@@ -121,7 +111,6 @@ def _use(process_id: int) -> tuple[float, int]:
 
 
 def table(rows: list[Row]) -> Table:
-    """Return a table with a row for each robot, and their totals as footer."""
     shown = Table(box=None, show_footer=True, padding=(0, 2, 0, 0))
     totals = (min(r.rate for r in rows), sum(r.cpu for r in rows), sum(r.memory for r in rows))
     footers = ('all', f'{sum(row.up for row in rows)} of {len(rows)}', *_figures(*totals))
@@ -141,9 +130,10 @@ def _figures(rate: float, cpu: float, memory: int) -> tuple[str, str, str]:
 def running_fleet(folder: Path, size: int) -> Iterator[tuple[Fleet, list[str]]]:
     """Run `size` robots in a ROS domain of this machine until the block ends.
 
-    Logs go to `folder`. Yields the fleet, and the environment variables with which another
-    terminal can see it. Raises RunError if a process cannot be started. The discovery server uses
-    no shared memory, because the files left by killed processes in /dev/shm can block its answers.
+    Logs are written to `folder`. Yields the fleet, and the environment variables with which
+    another terminal can see the robots. Raises RunError if a process cannot be started. The
+    discovery server uses no shared memory, because the files left by killed processes in /dev/shm
+    can block its answers.
     """
     installed = Path(sys.executable).with_name(PROGRAM)  # by pip
     server = str(installed) if installed.is_file() else shutil.which(PROGRAM)
@@ -178,10 +168,6 @@ def running_fleet(folder: Path, size: int) -> Iterator[tuple[Fleet, list[str]]]:
 
 
 def main() -> int:
-    """Run the fleet until Ctrl-C or for --seconds, and return the exit code.
-
-    0: all robots were up until the end. 1: some were not. 130: Ctrl-C before all were up.
-    """
     parser = argparse.ArgumentParser(
         prog='epson_driver fleet',
         **help_texts(

@@ -3,71 +3,147 @@
 """`epson_driver panel`: shows and operates robots in a browser."""
 
 import argparse
+import asyncio
 import logging
-import secrets
 import signal
 import sys
+from functools import partial
 from pathlib import Path
 
-from rclpy.utilities import remove_ros_args
-
-from epson_driver.cli.arguments import FREE_PORT, argument, help_texts, host, parsed
+from epson_driver.aio import Robot
+from epson_driver.api.ownership import Page
+from epson_driver.cli.arguments import FREE_PORT, argument, help_texts, host
 from epson_driver.inputs import InputError, printable
-from epson_driver.motion import Trajectory
 from epson_driver.panel import INSTALL, missing
-from epson_driver.panel.access import is_loopback
-from epson_driver.processes.interrupt import ending_signals
-from epson_driver.share import share_path
-from epson_driver.trajectory_file import read_trajectory
+from epson_driver.processes.interrupt import ended_by_signals, ending_signals
+from epson_driver.processes.ros_shell import ros_problem
+from epson_driver.setup.robot_file import is_robot_file
 
 PORT = 8080
 
-SHOWS_DRIVERS = 'the panel shows the drivers that run: start `epson_driver client` with this file'
-
-TOKEN_BYTES = 24
-"""Random bytes in the token of a panel that other machines can reach."""
+NO_ROS = (
+    'the Python module rclpy is missing: add --simulated or robot.yaml to show a robot without '
+    'ROS, or source a ROS 2 workspace to show the drivers that run'
+)
+SHOWS_DRIVERS = (
+    'the panel shows the drivers that run: start `epson_driver client` with this file, or add '
+    '--no-ros'
+)
 
 
 def main() -> int:
-    """Serve the page until SIGINT or SIGTERM, and return 0. Returns 1 if that is impossible."""
-    parser = _parser()
+    parser, problem = _parser(), ros_problem()
     try:
-        options = parsed(parser, remove_ros_args(sys.argv)[1:], refused=SHOWS_DRIVERS)
+        words, ros = (sys.argv[1:], True) if problem else _words()
+        options = parser.parse_args(words)
+        without_ros = options.simulated or options.no_ros or (options.file and not ros)
+        _check(parser, options, without_ros=without_ros)
     except (RuntimeError, ValueError) as error:  # from rcl
-        print(f'epson_driver panel: {printable(error)}', file=sys.stderr)
-        return 1
-    if missing():
-        print(f'epson_driver panel: {INSTALL}', file=sys.stderr)
-        return 1
+        return _failed(error)
+    if problem and not without_ros:
+        return _failed(problem)
+    if missing() or not (ros or without_ros):
+        return _failed(INSTALL if missing() else NO_ROS)
     logging.basicConfig(level=logging.INFO, format='%(message)s')
     logging.getLogger('websockets').setLevel(logging.ERROR)
-    from epson_driver.panel.panel import Panel, address  # here, because it imports websockets
-    from epson_driver.panel.web_server import WebServerError
-
-    token = None if is_loopback(options.host) else secrets.token_urlsafe(TOKEN_BYTES)
     try:
-        panel = Panel(
+        return asyncio.run(_one_robot(options)) if without_ros else _robots_in_ros(options)
+    except (InputError, OSError, RuntimeError, ValueError) as error:
+        return _failed(error)
+
+
+def _failed(error: object) -> int:
+    print(f'epson_driver panel: {printable(error)}', file=sys.stderr)
+    return 1
+
+
+def _words() -> tuple[list[str], bool]:
+    """Return the arguments without ROS arguments, and whether ROS is installed."""
+    try:
+        from rclpy.utilities import remove_ros_args
+    except ModuleNotFoundError:
+        return sys.argv[1:], False
+    return remove_ros_args(sys.argv)[1:], True
+
+
+def _check(
+    parser: argparse.ArgumentParser, options: argparse.Namespace, *, without_ros: bool
+) -> None:
+    if not without_ros:
+        if options.file:
+            parser.error(f'{printable(options.file)}: {SHOWS_DRIVERS}')
+        if options.controller:
+            parser.error('--controller: needs --simulated or a file')
+    elif bool(options.file) == options.simulated:
+        parser.error('without ROS, the panel needs robot.yaml or --simulated, and not both')
+    elif len(options.robot or ()) > 1:
+        parser.error('--robot: without ROS, the panel shows one robot')
+
+
+class _ShownRobot(Robot):
+    """A robot of the panel when it shows the robot of a command line."""
+
+    async def page(self, options: argparse.Namespace) -> Page:
+        from epson_driver.panel.page import show
+
+        return await show(
+            self._connection,
+            self.points,
             options.host,
             options.port,
-            token,
-            sys.argv,
-            options.robot,
-            _trajectories(options.trajectory),
+            options.trajectory,
             allow_motion=options.allow_motion,
         )
-    except (WebServerError, InputError, OSError, RuntimeError, ValueError) as error:
-        print(f'epson_driver panel: {printable(error)}', file=sys.stderr)
-        return 1
+
+
+async def _one_robot(options: argparse.Namespace) -> int:
+    """Connect to one robot, and show it until a signal ends the command.
+
+    Raises RobotError if the connection fails.
+    """
+    names = {'controller': options.controller, 'model': (options.robot or [None])[0]}
+    chosen = {name: value for name, value in names.items() if value}
+    if options.simulated:
+        robot = _ShownRobot.simulated(**chosen)
+    else:
+        robot = _ShownRobot(options.file, **chosen)
+    stop = asyncio.Event()
+    with ended_by_signals(asyncio.get_running_loop(), stop.set):
+        async with robot:
+            page = await robot.page(options)
+            print(f'panel {page.url}', flush=True)
+            ends = [asyncio.create_task(event.wait()) for event in (stop, page.ended)]
+            await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+    await page.ended.wait()
+    return page.code
+
+
+def _robots_in_ros(options: argparse.Namespace) -> int:
+    from epson_driver.panel.access import new_token
+    from epson_driver.panel.page import trajectories
+    from epson_driver.panel.panel import Panel
+    from epson_driver.ros_panel.ros_discovery import RosDiscovery
+
+    panel = Panel(
+        options.host,
+        options.port,
+        new_token(options.host),
+        partial(RosDiscovery, sys.argv, options.robot),
+        trajectories(options.trajectory),
+        allow_motion=options.allow_motion,
+    )
     for number in ending_signals():
         signal.signal(number, lambda _number, _frame: panel.stop())
-    print(f'panel {address(options.host, panel.web.port, token)}', flush=True)
+    print(f'panel {panel.url}', flush=True)
     return panel.run()
 
 
-def _trajectories(files: list[Path]) -> dict[str, Trajectory]:
-    """Return the trajectories in the files by name, by default those of this package."""
-    paths = files or sorted(share_path('config', 'trajectories').glob('*.yaml'))
-    return {path.stem: read_trajectory(path) for path in paths}
+def _robot_file(text: str) -> str:
+    if not is_robot_file(text):
+        raise argparse.ArgumentTypeError(
+            f'{printable(text)}: must be a file written by `epson_driver connect`'
+        )
+    return text
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -75,10 +151,32 @@ def _parser() -> argparse.ArgumentParser:
         prog='epson_driver panel',
         **help_texts(
             'Show the robots in a browser: 3D view, status, curves, log and buttons.',
-            ('panel', 'panel --port 8081 --robot /left/epson_driver --allow-motion'),
+            (
+                'panel --simulated --robot c4_a601s',
+                'panel --port 8081 --robot /left/epson_driver --allow-motion',
+                'panel robot.yaml --no-ros --allow-motion',
+            ),
             '0 stopped by a signal, 1 cannot start or internal error, 2 invalid arguments',
         ),
         allow_abbrev=False,
+    )
+    parser.add_argument(
+        'file',
+        nargs='?',
+        type=_robot_file,
+        metavar='ROBOT.YAML',
+        help='file of `epson_driver connect`: connect to this robot, without ROS',
+    )
+    parser.add_argument(
+        '--simulated', action='store_true', help='start and show a simulated robot, without ROS'
+    )
+    parser.add_argument(
+        '--no-ros', action='store_true', help='connect to the robot although ROS is there'
+    )
+    parser.add_argument(
+        '--controller',
+        metavar='PROFILE',
+        help='controller profile, without ROS (default: from the file, or simulated)',
     )
     parser.add_argument(
         '--host',
@@ -99,7 +197,8 @@ def _parser() -> argparse.ArgumentParser:
         '--robot',
         action='append',
         metavar='NODE',
-        help='driver node, such as /left/epson_driver (repeatable, default: all)',
+        help='driver node, such as /left/epson_driver (repeatable, default: all), or without ROS '
+        'the robot model',
     )
     parser.add_argument(
         '--trajectory',

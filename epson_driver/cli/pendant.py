@@ -1,6 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver pendant`: operator actions at a controller, which each output line names."""
+"""`epson_driver pendant`: operator actions at a controller.
+
+Each line of output names the controller.
+"""
 
 import argparse
 import asyncio
@@ -11,7 +14,7 @@ from epson_driver.cli.arguments import PORT, add_password, argument, help_texts,
 from epson_driver.driver.inhibit import flags_inhibit
 from epson_driver.driver.remedy import with_remedy
 from epson_driver.error_texts import load_error_texts
-from epson_driver.inputs import number
+from epson_driver.inputs import InputError, number
 from epson_driver.remote_ethernet.answers import ask_flags, identity
 from epson_driver.remote_ethernet.client import (
     LOGIN_RETRY_PERIOD_S,
@@ -33,6 +36,7 @@ from epson_driver.remote_ethernet.hand import (
     do,
     value_or_empty,
 )
+from epson_driver.setup.robot_file import password_in
 from epson_driver.sim_controller.faults.fault_kinds import describe
 
 STATUS, KINDS = 'status', 'fault kinds'
@@ -50,7 +54,6 @@ ONLY_SIMULATED = {
 
 
 def main() -> int:
-    """Perform one action. Returns 0 if it was done, 1 if it was refused or got no answer."""
     parser = argparse.ArgumentParser(
         prog='epson_driver pendant',
         **help_texts(
@@ -93,6 +96,10 @@ def main() -> int:
     )
     parser.add_argument('words', nargs='+', metavar='WORD', help='action, see below')
     arguments = parsed(parser)
+    try:
+        arguments.password = password_in(arguments.password_variable, '')
+    except InputError as error:
+        parser.error(str(error))
     message, address = ' '.join(arguments.words), f'{arguments.host}:{arguments.port}'
     if message == KINDS:
         print(describe())
@@ -116,9 +123,9 @@ def main() -> int:
 
 
 async def _perform(requested: Action, command: str, arguments: argparse.Namespace) -> str:
-    """Connect, perform an action, and return the text to print.
+    """Perform an action and return the text to print.
 
-    Queries and stops are repeated after a disconnect.
+    After a disconnect, only queries and stops are repeated.
     """
     place = (arguments.host, arguments.port, arguments.timeout)
     address = f'{arguments.host}:{arguments.port}'
@@ -139,7 +146,6 @@ async def _perform(requested: Action, command: str, arguments: argparse.Namespac
 
 
 async def _result(ask: Ask, requested: Action, command: str, address: str) -> str:
-    """Perform an action, and return its result with the controller's identity."""
     try:
         if requested.commands:
             value = (await do(ask, requested)).replace(';', '\n') or 'none'
@@ -151,7 +157,6 @@ async def _result(ask: Ask, requested: Action, command: str, address: str) -> st
 
 
 async def _who(ask: Ask, address: str) -> str:
-    """Return the controller's identity, or only its address if it has disconnected."""
     try:
         return await identity(ask, address)
     except ConnectionError:
@@ -159,7 +164,6 @@ async def _who(ask: Ask, address: str) -> str:
 
 
 async def _reason(ask: Ask, error: RefusedError) -> str:
-    """Return why the controller refused: its text, or the cause according to its flags."""
     text = str(error)
     with suppress(RemoteError):
         if error.number == RemoteErrorNumber.NOT_READY and not error.explained:
@@ -173,19 +177,18 @@ async def _reason(ask: Ask, error: RefusedError) -> str:
 
 
 async def _status(ask: Ask) -> str:
-    """Return the state of a controller as lines. A simulated controller reports more of them."""
     flags, shown = await ask_flags(ask)
     texts, motor = load_error_texts(), (await value_or_empty(ask, 'GetMotor,0')).split(',')
-    condition, names = (
-        await value_or_empty(ask, 'Sim,condition'),
-        ('joints', 'tasks', 'timing', 'fault'),
-    )
+    condition = await value_or_empty(ask, 'Sim,condition')
     rows = [condition.replace(';', '\n') or f'motors={"".join(motor[1:2])}']
     if result := flags_inhibit(flags, shown, texts):
         rows.append(f'state={with_remedy(result.text, result.remedy, {})}')
     if shown:
         rows.append(f'error={texts.phrase(shown)}: {texts.advice(shown, "see the manual")}')
     rows.append(f'flags={" ".join(flags)}')
-    parts = {name: await value_or_empty(ask, f'Sim,{name}') for name in names}
-    rows += [f'{name}: {item}'.replace(';', '\n') for name, item in parts.items() if item]
+    rows += [
+        f'{name}: {item}'.replace(';', '\n')
+        for name in ('joints', 'tasks', 'timing', 'fault')
+        if (item := await value_or_empty(ask, f'Sim,{name}'))
+    ]
     return '\n'.join(rows)

@@ -9,7 +9,6 @@ from epson_driver.cli.arguments import add_controller, add_robot, help_texts, pa
 from epson_driver.cli.arguments import page as page_path
 from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import InputError, printable
-from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.profiles import load_controller_profile
 from epson_driver.report.figures import Figures, figures
 from epson_driver.report.page import write_report
@@ -21,7 +20,6 @@ INSTALL = "pip install 'epson_driver[report]'"
 
 
 def main() -> int:
-    """Write the reports and return 0. Exits with 2 if a file cannot be reported on."""
     parser = _parser()
     arguments = parsed(parser)
     if arguments.compare and len(arguments.files) != 2:
@@ -48,13 +46,10 @@ def main() -> int:
         if error.name is None or error.name.partition('.')[0] != 'rosbags':
             raise
         parser.error(f'bags need the library rosbags: {INSTALL}')
-    except KeyboardInterrupt:
-        return INTERRUPTED
     return 0
 
 
 def default_output(group: list[tuple[Run, Figures]]) -> Path:
-    """Return the default path of the report on one run or two, in the current folder."""
     return Path('-'.join(Path(run.source).stem for run, _ in group) + '-report.html')
 
 
@@ -75,7 +70,6 @@ def _read(file: Path, model: RobotModel, arguments: argparse.Namespace) -> tuple
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is a bag: a folder, an MCAP file or an SQLite file."""
     return path.is_dir() or path.suffix in ('.mcap', '.db3')
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments of the commands that talk to a controller: address, profile, model, ports."""
+"""Arguments of the commands that connect to a controller: address, profile, model, ports."""
 
 import argparse
 
@@ -9,10 +9,10 @@ from epson_driver.doctor.controller_checks import Question
 from epson_driver.doctor.look import Look, look_at
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
+from epson_driver.setup.robot_file import password_in
 
 
 def add_robot_arguments(parser: argparse.ArgumentParser, address: str) -> None:
-    """Add the arguments. `address`: the help of the address, which may be missing."""
     parser.add_argument('address', nargs='?', type=host, metavar='ADDRESS', help=address)
     parser.add_argument(
         '--controller',
@@ -30,9 +30,15 @@ def add_robot_arguments(parser: argparse.ArgumentParser, address: str) -> None:
 
 
 async def look(arguments: argparse.Namespace) -> Look:
-    """Identify the controller. Profile and model on the command line replace the detected ones."""
+    """Identify the controller.
+
+    A profile or model on the command line replaces the detected one.
+    """
+    name = arguments.controller
+    usual = load_controller_profile(name).remote.password if name else ''
+    password = password_in(arguments.password_variable, usual)
     result = await look_at(
-        arguments.address, arguments.password, arguments.remote_port, arguments.state_port
+        arguments.address, password, arguments.remote_port, arguments.state_port
     )
     result.model = arguments.robot or result.model
     if arguments.controller:
@@ -43,7 +49,10 @@ async def look(arguments: argparse.Namespace) -> Look:
 def question(
     arguments: argparse.Namespace, seconds: float, may_ask: bool = False, may_use_io: bool = False
 ) -> Question:
-    """Return the checks. Raises OSError or InputError if the profile or model is unusable."""
+    """Return the controller to check, and the permitted checks.
+
+    Raises OSError or InputError if the profile or the model is invalid.
+    """
     profile = load_controller_profile(arguments.controller)
 
     def port(name: str) -> int:
@@ -58,7 +67,7 @@ def question(
         motion_port=port('motion'),
         io_port=port('io'),
         remote_port=port('remote'),
-        password=arguments.password,
+        password=password_in(arguments.password_variable, profile.remote.password),
         seconds=seconds,
         may_ask=may_ask,
         may_use_io=may_use_io,

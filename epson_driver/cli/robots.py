@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver robots [MODEL]`: lists the robot models, or all numbers of one model."""
+"""`epson_driver robots [MODEL]`: lists the robot models, or shows all data of one model."""
 
 import argparse
 import os
@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from epson_driver.cli.arguments import help_texts, parsed, picture
+from epson_driver.cli.arguments import help_texts, parsed
 from epson_driver.inputs import InputError
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
@@ -25,28 +25,22 @@ from epson_driver.robots.reader import MARKS
 from epson_driver.robots.scara import scara_parameters
 
 COLOURS = dict(zip(MARKS, ('green', 'yellow', 'yellow', 'red'), strict=True))
-"""Colours of the words for the reliability of a number, such as confirmed or estimated."""
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table of text. A terminal shows the words in MARKS, such as confirmed, in colour."""
-
     title: str
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
 
 def main() -> int:
-    """List the models, or show one, and return 0. Exits with 2 if the model is unknown."""
     parser = _parser()
     arguments = parsed(parser, positional='robot_model')
     if arguments.moveit and not arguments.model:
         parser.error('--moveit: MODEL is missing')
-    if arguments.picture and not arguments.model:
-        parser.error('--picture: MODEL is missing')
     try:
-        if arguments.picture or arguments.moveit:
+        if arguments.moveit:
             return _write(arguments)
         if arguments.model:
             sheets = _sheets(load_robot_model(arguments.model))
@@ -64,18 +58,12 @@ def main() -> int:
 
 
 def _write(arguments: argparse.Namespace) -> int:
-    """Write the plot, or else the MoveIt package, print each path, and return 0."""
-    # here, because they import half of this package
+    # here, because it imports half of this package
     from epson_driver.bringup import BringupError, write_moveit_package
-    from epson_driver.report.envelope import PictureError, draw_envelope
 
-    paths = [arguments.picture]
     try:
-        if arguments.picture:
-            draw_envelope(arguments.picture, load_robot_model(arguments.model))
-        else:
-            paths = write_moveit_package(arguments.model, arguments.moveit)
-    except (BringupError, PictureError) as error:
+        paths = write_moveit_package(arguments.model, arguments.moveit)
+    except BringupError as error:
         raise InputError(str(error)) from error
     print(*paths, sep='\n')
     return 0
@@ -86,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
         prog='epson_driver robots',
         **help_texts(
             'List the robot models, or all numbers of one model with their sources.',
-            ('robots --search scara --payload 6', 'robots c4_a601s --picture envelope.png'),
+            ('robots --search scara --payload 6', 'robots c4_a601s'),
             '0 done, 2 invalid arguments',
             "\nconfirmed: by two independent sources, or by EPSON's for this model\n"
             'derived: computed from confirmed numbers, or from a sister model\n'
@@ -124,13 +112,6 @@ def _parser() -> argparse.ArgumentParser:
         '--plain',
         action='store_true',
         help='tabs instead of tables, which is always so in a pipe',
-    )
-    parser.add_argument(
-        '--picture',
-        type=picture,
-        metavar='FILE',
-        help='plot file for the working envelope of MODEL: a SCARA from above, six axes from the '
-        'side (.png, .svg, .pdf)',
     )
     parser.add_argument(
         '--moveit',
@@ -220,9 +201,9 @@ def _sheets(model: RobotModel) -> list[Sheet]:
 
 
 def _quantities(model: RobotModel) -> Iterator[tuple[str, Array]]:
-    """Yield the name and the values of each joint quantity.
+    """Yield the name and the values of each quantity.
 
-    Limits are included twice, in degrees or mm, and in SI units.
+    Limits are given in degrees or mm and in SI units.
     """
     limits = model.limits
     units = list(dict.fromkeys(limits.units))

@@ -10,14 +10,10 @@ from epson_driver.doctor.findings import Finding, Findings, Level
 
 
 class EpsonDriverCheck(DoctorCheck):  # type: ignore[misc]
-    """A check of the message packages, the middleware and the discovery settings."""
-
     def category(self) -> str:
-        """Return the name of this check in the summary of `ros2 doctor`."""
         return 'epson_driver'
 
     def check(self) -> Result:
-        """Run the check, and return its errors and warnings."""
         result = Result()
 
         def add(finding: Finding) -> None:

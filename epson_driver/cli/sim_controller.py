@@ -20,6 +20,7 @@ from epson_driver.cli.arguments import (
     DEFAULT_MODEL,
     FREE_PORT,
     PORT,
+    add_password,
     argument,
     help_texts,
     host,
@@ -34,21 +35,22 @@ from epson_driver.cli.spel_options import (
     program_of,
     settings_of,
 )
-from epson_driver.first_run.book import likeness, load
+from epson_driver.first_run.record import load, replica_settings
 from epson_driver.inputs import InputError, count, number, shown
 from epson_driver.log_lines import StderrLog
 from epson_driver.motion import Array, JointLimits
 from epson_driver.processes.command import module_command
 from epson_driver.processes.interrupt import ended_by_signals
 from epson_driver.profiles.profile import (
-    LOOK_AHEAD_S,
     ControllerProfile,
     load_controller_profile,
 )
+from epson_driver.profiles.profile_rules import LOOK_AHEAD_S
 from epson_driver.robots import RobotModel, load_robot_model
+from epson_driver.rtmc.transport import TransportError
+from epson_driver.setup.robot_file import password_in
 from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
 from epson_driver.sim_controller.assembly import (
-    SpelSource,
     new_controller,
     profile_project,
     program_network,
@@ -57,20 +59,22 @@ from epson_driver.sim_controller.assembly import (
 from epson_driver.sim_controller.condition.errors import angles_rejection, clipped
 from epson_driver.sim_controller.faults.fault_kinds import Fault, parse
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
+from epson_driver.sim_controller.spel_host.spel_program import SpelSource
 from epson_driver.simple_message import ByteOrder, Dialect
 from epson_driver.spel import Program, Settings, read_project
 
 _PORTS = Ports()
 
-PANEL = tuple(module_command('epson_driver.cli', 'panel'))
-"""Command that starts the panel, as a process of its own because it needs ROS."""
-
-STATE_PERIOD = number(0.001, 3600.0, 's')
-SEED = count(0, 2**63 - 1)
+NOT_FOR_PROGRAMS = {
+    'motion': 'its motion itself',
+    'look_ahead': 'itself how many points it accepts ahead',
+    'state_period': 'itself when it sends states',
+    'byte_order': 'its byte order itself',
+}
+"""Options that do not apply to SPEL+ programs → what the program determines itself."""
 
 
 def main() -> int:
-    """Run until SIGINT or SIGTERM, and return 0. Returns 1 if a port or the planner fails."""
     parser = _parser()
     args = parsed(parser, with_start_joined(sys.argv[1:]))
     folder = args.program
@@ -79,7 +83,7 @@ def main() -> int:
     try:
         settings = settings_of(args, folder)
         if args.profile_from is not None:
-            first_run = likeness(load(args.profile_from))
+            first_run = replica_settings(load(args.profile_from))
             args.robot, args.motion = first_run.robot, args.motion or first_run.motion
             args.fault = [*first_run.faults, *args.fault]
             profile = first_run.profile
@@ -87,14 +91,21 @@ def main() -> int:
             profile = load_controller_profile(settings.controller or DEFAULT_CONTROLLER)
         if args.program is not None:
             profile = with_all_boards(profile)
+        for name in ('remote', 'rtmc'):
+            section = getattr(profile, name)
+            password = password_in(args.password_variable, section.password)
+            section = dataclasses.replace(section, password=password)
+            profile = dataclasses.replace(profile, **{name: section})
         model = load_robot_model(args.robot or settings.robot or DEFAULT_MODEL)
         start = None if args.start is None else _start(args.start, model.limits)
         program = _program(args, profile, model, settings, folder)
-    except (OSError, InputError, _StartError) as error:
+    except (OSError, InputError) as error:
         parser.error(str(error))
-    if program is not None and (unsuitable := _not_for_programs(args)) is not None:
-        option, why = unsuitable
-        parser.error(f'{option}: a SPEL+ program {why}')
+    if program is not None:
+        for option, why in NOT_FOR_PROGRAMS.items():
+            if getattr(args, option) is not None:
+                name = option.replace('_', '-')
+                parser.error(f'--{name} cannot be set for a SPEL+ program, which determines {why}')
     byte_order = profile.byte_order
     if args.byte_order is not None:
         byte_order = ByteOrder[args.byte_order.upper()]
@@ -120,7 +131,12 @@ def main() -> int:
     logging.basicConfig(level=logging.INFO, handlers=[log])
     try:
         network = None if spel is None else spel.network
-        servers = partial(ControllerServers, controller, planner, network, dict(args.program_port))
+        rtmc_port = profile.rtmc.port or None
+        if rtmc_port is not None and args.rtmc_port is not None:
+            rtmc_port = args.rtmc_port
+        servers = partial(
+            ControllerServers, controller, planner, network, dict(args.program_port), rtmc_port
+        )
         return asyncio.run(_run(servers, ports, args))
     finally:
         log.finish()
@@ -133,7 +149,6 @@ def _program(
     settings: Settings,
     folder: Path | None,
 ) -> Program | None:
-    """Return the SPEL+ program to run, or None for a built-in program."""
     if args.program is not None:
         files = read_project(args.program)
     elif profile.spel.project:
@@ -145,26 +160,11 @@ def _program(
     return program_of(args, files, settings, folder or Path())
 
 
-def _not_for_programs(args: argparse.Namespace) -> tuple[str, str] | None:
-    """Return a given option that does not apply to SPEL+ programs, with the reason, or None."""
-    options = {
-        '--motion': (args.motion, 'determines its motion itself'),
-        '--look-ahead': (args.look_ahead, 'determines itself how many points it accepts ahead'),
-        '--state-period': (args.state_period, 'determines itself when it sends states'),
-        '--byte-order': (args.byte_order, 'determines its byte order itself'),
-    }
-    return next(
-        ((option, why) for option, (value, why) in options.items() if value is not None), None
-    )
-
-
 def _port_of(args: argparse.Namespace, name: str, profile: ControllerProfile) -> int:
-    """Return the port of the option, else of the profile if it has one, else the default."""
     requested: int | None = getattr(args, f'{name}_port')
     if requested is not None:
         return requested
-    port: int = getattr(profile.ports, name) or getattr(_PORTS, name)
-    return port
+    return int(getattr(profile.ports, name) or getattr(_PORTS, name))
 
 
 async def _run(
@@ -177,7 +177,7 @@ async def _run(
         servers = new_servers()
         try:
             ports = await servers.open(args.host, ports)
-        except (OSError, PlannerError) as error:
+        except (OSError, PlannerError, TransportError) as error:
             advice = if_in_use(error.__cause__)
             print(f'epson_driver sim_controller: {error}{advice}', file=sys.stderr)
             return 1
@@ -186,7 +186,10 @@ async def _run(
         print(
             'listening', *(f'{name}={port}' for name, port in ports._asdict().items()), flush=True
         )
-        panel = await asyncio.create_subprocess_exec(*PANEL) if args.panel else None
+        panel = None
+        if args.panel:  # a separate process, because it needs ROS
+            command = module_command('epson_driver.cli', 'panel')
+            panel = await asyncio.create_subprocess_exec(*command)
         try:
             await servers.run_until(stop)
         finally:
@@ -199,7 +202,7 @@ async def _run(
 
 
 def _watch_stdin(ended: asyncio.Event) -> None:
-    """Set `ended` when stdin closes, which also happens when the writing process dies."""
+    """Set `ended` when stdin closes, as it does when the process that writes to it ends."""
     loop, file = asyncio.get_running_loop(), sys.stdin.fileno()
 
     def read() -> None:
@@ -210,23 +213,19 @@ def _watch_stdin(ended: asyncio.Event) -> None:
     loop.add_reader(file, read)
 
 
-class _StartError(ValueError):
-    """A value of --start that is not one position per joint within the limits."""
-
-
 def _start(text: str, limits: JointLimits) -> Array:
     try:
         start = np.array([float(part) for part in text.split(',')])
     except ValueError as cause:
         rule = 'must be numbers separated by commas, rad or m'
-        raise _StartError(f'--start {shown(text)}: {rule}') from cause
+        raise InputError(f'--start {shown(text)}: {rule}') from cause
     if start.shape != (len(limits.names),):
-        raise _StartError(
+        raise InputError(
             f'--start {shown(text)}: {start.size} angles for {len(limits.names)} joints'
         )
     rejection = angles_rejection(start, limits)
     if rejection is not None:
-        raise _StartError(f'--start: {rejection.sentence}')
+        raise InputError(f'--start: {rejection.sentence}. Angles are in rad: 90° are 1.5708')
     return clipped(start, limits)
 
 
@@ -240,10 +239,9 @@ def _fault(text: str) -> Fault:
 def _program_port(text: str) -> tuple[int, int]:
     port, _, listening = text.partition('=')
     try:
-        ports: tuple[int, int] = argument(PORT)(port), argument(FREE_PORT)(listening)
+        return argument(PORT)(port), argument(FREE_PORT)(listening)
     except argparse.ArgumentTypeError as error:
         raise argparse.ArgumentTypeError(f'{shown(text)}, PORT=PORT: {error}') from error
-    return ports
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -269,6 +267,14 @@ def _parser() -> argparse.ArgumentParser:
     for name, default in _PORTS._asdict().items():
         text = f"{name} port (0: any free port, default: the profile's, {default} for simulated)"
         parser.add_argument(f'--{name}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
+    add_password(parser)
+    parser.add_argument(
+        '--rtmc-port',
+        type=argument(FREE_PORT),
+        metavar='PORT',
+        help='UDP port of Real-time Motion Control, if the profile has it '
+        "(0: the number of the motion port, default: the profile's)",
+    )
     add_program_options(parser)
     parser.add_argument(
         '--profile-from',
@@ -312,7 +318,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--state-period',
-        type=argument(STATE_PERIOD),
+        type=argument(number(0.001, 3600.0, 's')),
         metavar='S',
         help="state message period, s (default: the profile's, 0.005 for simulated)",
     )
@@ -326,7 +332,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--seed',
-        type=argument(SEED),
+        type=argument(count(0, 2**63 - 1)),
         default=0,
         metavar='N',
         help='seed for random faults (default: %(default)s)',
@@ -336,11 +342,7 @@ def _parser() -> argparse.ArgumentParser:
         action='store_true',
         help='exit when standard input closes, for example when the parent process ends',
     )
-    parser.add_argument(
-        '--panel',
-        action='store_true',
-        help='start the browser panel too',
-    )
+    parser.add_argument('--panel', action='store_true', help='start the browser panel too')
     parser.add_argument(
         '--start',
         metavar='Q1,Q2,…',

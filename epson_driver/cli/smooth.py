@@ -19,14 +19,15 @@ from rich.table import Table
 from epson_driver.cli.arguments import add_robot, argument, help_texts, parsed, picture
 from epson_driver.inputs import InputError, number
 from epson_driver.motion import JointLimits, Trajectory, smooth
+from epson_driver.motion.closest_samples import passed
 from epson_driver.motion.fastest import MAX_PATH_TOLERANCE
 from epson_driver.motion.smoothed import every
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
-from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.report.smooth_study import (
+    Column,
     SmoothingComparison,
-    column,
     draw,
+    measure,
     point_to_point,
     spline,
 )
@@ -37,33 +38,26 @@ SAMPLE_PERIOD_S = 0.001
 """Time between the samples for the table and the plot, s."""
 
 MIN_LOOK_AHEAD_S = 0.01
-"""Minimum look-ahead, s. With less, the arm creeps and planning takes too long."""
+"""Minimum look-ahead, s. With a shorter one, the arm creeps and planning takes too long."""
 
 NO_PICTURE = "none, as matplotlib is missing: pip install 'epson_driver[report]'"
 
 
-class _PlanError(ValueError):
-    """A plan cannot be smoothed. The text is the reason and the remedy."""
-
-
 def main() -> int:
-    """Smooth a file. Returns 0, or 2 if the plan cannot be smoothed, or 130 after Ctrl-C."""
     parser = _parser()
     arguments = parsed(parser)
     try:
         return _run(arguments)
-    except (OSError, InputError, _PlanError) as error:
+    except (OSError, InputError) as error:
         print(f'{parser.prog}: error: {error}', file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        return INTERRUPTED
 
 
 def _run(arguments: argparse.Namespace) -> int:
     console = Console()
     draws = find_spec('matplotlib') is not None
     if arguments.picture and not draws:
-        raise _PlanError(f'--picture: {NO_PICTURE}')
+        raise InputError(f'--picture: {NO_PICTURE}')
     file: Path = arguments.file
     mode = Mode(arguments.mode)
     limits = load_robot_model(arguments.robot).limits
@@ -86,19 +80,25 @@ def _run(arguments: argparse.Namespace) -> int:
                 path_tolerance=arguments.path_tolerance,
             )
     except ValueError as error:
-        raise _PlanError(f'{file}: {error}') from error
+        raise InputError(f'{file}: {error}') from error
     planned = f'one for all points, in {(time.perf_counter() - started) * 1e3:.0f} ms'
     output = arguments.output or Path(f'{file.stem}_smooth.yaml')
     picture = arguments.picture or Path(f'{file.stem}_smooth.png')
     about = f'{file.name}, smoothed ({mode.value}), one point every {period * 1e3:g} ms'
     write_trajectory(output, every(smoothed, parts), about)
     command = trajectory if mode is Mode.TIME_PRESERVING else None
-    columns = [column('point to point, full speed', point_to_point(trajectory, limits), limits)]
+    others = {'point to point, full speed': point_to_point(trajectory, limits)}
     if timed:
         kind = 'cubic' if trajectory.accelerations is None else 'quintic'
-        columns.append(column(f'{kind} spline', spline(trajectory), limits))
+        others[f'{kind} spline'] = spline(trajectory)
+    columns = [
+        Column(title, motion, times, measure(motion, None, limits))
+        for title, (motion, times) in others.items()
+    ]
+    errors, times = passed(trajectory.positions, smoothed)
+    figures = measure(smoothed, command, limits)
     title = f'smoothed, {mode.value.replace("_", " ")}'
-    columns.append(column(title, smoothed, limits, trajectory, command))
+    columns.append(Column(title, smoothed, times, figures, float(errors.max())))
     study = SmoothingComparison(trajectory, limits, timed, columns)
     console.print(_table(study, planner.summary or planned, arguments.look_ahead))
     if draws:
@@ -109,8 +109,6 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 class _CountingPlanner:
-    """A planner that records the number of its plans and the time for each."""
-
     def __init__(self) -> None:
         self._times: list[float] = []
 
@@ -122,7 +120,6 @@ class _CountingPlanner:
 
     @property
     def summary(self) -> str:
-        """The number of plans, and their total and longest time, as text. '' without plans."""
         if not self._times:
             return ''
         total, longest = sum(self._times) * 1e3, max(self._times) * 1e3
@@ -130,17 +127,16 @@ class _CountingPlanner:
 
 
 def _checked(file: Path, trajectory: Trajectory, limits: JointLimits, mode: Mode) -> Trajectory:
-    """Return the plan with its joints in the robot's order, or raise _PlanError."""
     names = trajectory.joint_names
     if sorted(names) != sorted(limits.names):
-        raise _PlanError(
+        raise InputError(
             f'{file}: its joints are {", ".join(names)}, but the robot '
             f'has {", ".join(limits.names)}: '
             'rename them, or select another robot with --robot'
         )
     trajectory = trajectory.in_order(limits.names)
     if mode is Mode.TIME_PRESERVING and len(trajectory.times) > 1 and not trajectory.times.any():
-        raise _PlanError(
+        raise InputError(
             f'{file}: no point has a time: add time_from_start, or use --mode time_optimal'
         )
     return trajectory

@@ -16,7 +16,6 @@ NO_ADDRESS = 'smooth_goals has no address: it forwards goals to a driver that ru
 
 
 def main() -> int:
-    """Run the node until SIGINT or SIGTERM, and return the exit code."""
     parser = argparse.ArgumentParser(
         prog='epson_driver smooth_goals',
         **help_texts(
@@ -25,7 +24,7 @@ def main() -> int:
             (
                 'smooth_goals --ros-args -p limits_file:=joint_limits.yaml \\\n'
                 '    -p action:=/joint_trajectory_controller/follow_joint_trajectory',
-                'smooth_goals --ros-args -p robot_model:=c4_a601s',
+                'smooth_goals --ros-args -p limits_file:=c4_a601s',
             ),
             '0 stopped by a signal, 1 invalid parameter or internal error, 2 invalid arguments',
         ),

@@ -8,17 +8,11 @@ from collections.abc import Iterator
 from ipaddress import IPv4Address
 from pathlib import Path
 
-from epson_driver.cli.arguments import (
-    FREE_PORT,
-    argument,
-    help_texts,
-    parsed,
-)
+from epson_driver.cli.arguments import FREE_PORT, argument, help_texts, parsed
 from epson_driver.cli.problem_formats import FORMATS, FOUND, placed
 from epson_driver.cli.spel_editing import add_editing
 from epson_driver.cli.spel_options import add_program_options, add_set
 from epson_driver.inputs import InputError, Rule, count, number
-from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.spel import Problem, ProgramError, read_project, read_settings
 from epson_driver.spel.commands import CONTROLLERS, VERSIONS
 from epson_driver.spel.lint import check
@@ -33,11 +27,10 @@ STDIN = 'stdin.prg'
 
 
 def main() -> int:
-    """Run the subcommand, and return its exit code."""
     parser = _parser()
     arguments = parsed(parser)
     try:
-        run: int = arguments.run(arguments)
+        return int(arguments.run(arguments))
     except BrokenPipeError:
         sys.stderr.close()
         return FOUND
@@ -46,9 +39,6 @@ def main() -> int:
         return FOUND
     except (OSError, InputError) as error:
         parser.error(str(error))
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    return run
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -77,7 +67,7 @@ def _parser() -> argparse.ArgumentParser:
         '--format',
         choices=FORMATS,
         default='text',
-        help='lines of text, GitHub annotations, SARIF 2.1, or a JSON list (default: %(default)s)',
+        help='lines of text, GitHub annotations, or a JSON list (default: %(default)s)',
     )
     checking.add_argument('--strict', action='store_true', help='exit code 1 for warnings too')
     add_set(checking)
@@ -185,9 +175,10 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _projects(paths: list[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
-    """Yield the folder and the files of each project.
+    """Yield each project: its folder and its files.
 
-    Each folder in `paths` is a project. Files in `paths` form one project per folder.
+    Each folder in `paths` is a project, and so are all files in `paths` that are in the same
+    folder.
     """
     single: dict[Path, dict[str, str]] = {}
     for path in paths:
@@ -201,7 +192,3 @@ def _projects(paths: list[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
         else:
             single.setdefault(path.parent, {}).update(read_project(path))
     yield from single.items()
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -32,20 +32,18 @@ from epson_driver.spel.lint import check
 from epson_driver.spel.project import TESTS
 
 FIRST_OUTPUT_BYTE_6 = '0'
-"""IO_FIRST_OUTPUT_BYTE for RC+ 6, which has no outputs of remote control (SPEL+ manual p953)."""
+"""IO_FIRST_OUTPUT_BYTE for RC+ 6.
+
+RC+ 6 reserves no outputs for remote control (SPEL+ manual p953).
+"""
 
 BUILT_IN = ('t', 'vt')
-"""Controllers that are built into the arms of the series with the same name."""
+"""Controllers that are built into the arms of the series of the same name."""
 
 Project = tuple[Path, Mapping[str, str]]
-"""The folder of a SPEL+ project, and the texts of its files by name."""
 
 
 def run(arguments: argparse.Namespace, project: Project) -> int:
-    """Run a program and return the exit code.
-
-    Raises ProgramError if the program has errors, InputError or OSError if a file is unusable.
-    """
     logging.basicConfig(level=logging.WARNING, format='%(message)s')
     folder, files = project
     settings = settings_of(arguments, folder)
@@ -64,10 +62,6 @@ def _bench(settings: Settings) -> Bench:
 
 
 def test(arguments: argparse.Namespace, projects: Iterable[Project]) -> int:
-    """Run the functions named Test…, report their results, and return the exit code.
-
-    Raises ProgramError if a program has errors, InputError or OSError if a file is unusable.
-    """
     logging.basicConfig(handlers=[logging.NullHandler()])  # `_report` prints the errors of tests
     pattern = arguments.k.lower()
     results: list[TestResult] = []
@@ -148,11 +142,6 @@ def _junit(results: list[TestResult]) -> str:
 
 
 def export(arguments: argparse.Namespace) -> int:
-    """Write our controller program as an RC+ project into a new or empty folder.
-
-    Returns the exit code. Raises InputError for an unusable folder or model, OSError if a file
-    cannot be written.
-    """
     folder: Path = arguments.folder
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f'{printable(folder)}: must be a new or empty folder')

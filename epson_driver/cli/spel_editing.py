@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver spel fmt|points|server`: SPEL+ sources and points in an editor and in git."""
+"""`epson_driver spel fmt|points|server`: format sources, convert points, and serve an editor."""
 
 import argparse
 from codecs import BOM_UTF8
@@ -16,8 +16,7 @@ from epson_driver.spel.project_data import INCLUDE, LARGEST_FILE, PROGRAM, decod
 
 
 def add_editing(commands: Any, codes: str) -> None:
-    """Add the commands to the subparsers of `spel`. `codes`: its exit codes."""
-    text = "Set indentation and the case of words as RC+'s editor does."
+    text = "Set the case of words as RC+'s editor does, and the indentation of blocks."
     examples = ('spel fmt my_project', 'spel fmt --check main.prg')
     formatting = commands.add_parser('fmt', help=text, **help_texts(text, examples, codes))
     about = '.prg and .inc files, or a folder: all that are in it'
@@ -46,10 +45,7 @@ def _sources(paths: list[Path]) -> Iterator[Path]:
 
 
 def _format(arguments: argparse.Namespace) -> int:
-    """Format files, and return the exit code. Line ends and encodings are preserved.
-
-    Raises InputError or OSError if a file is unusable.
-    """
+    """Format files. Their line ends and encodings are preserved."""
     changed = 0
     for path in _sources(arguments.files):
         content = read_file(path, LARGEST_FILE)

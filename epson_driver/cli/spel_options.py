@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Options of the commands that run a SPEL+ program: spel run, spel test and sim_controller.
 
-They override the spel.yaml beside the program.
+These options override the spel.yaml next to the program.
 """
 
 import argparse
@@ -30,7 +30,6 @@ DEFAULT_CONTROLLER = 'simulated'
 
 
 def add_set(parser: argparse.ArgumentParser) -> None:
-    """Add the option --set."""
     parser.add_argument(
         '--set',
         action='append',
@@ -42,7 +41,6 @@ def add_set(parser: argparse.ArgumentParser) -> None:
 
 
 def add_program_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options."""
     text = f'(default: of {SETTINGS_FILE}, else'
     parser.add_argument(
         '--robot', metavar='MODEL', help=f'robot model, or a .yaml file {text} {DEFAULT_MODEL})'
@@ -64,9 +62,9 @@ def add_program_options(parser: argparse.ArgumentParser) -> None:
 
 
 def settings_of(arguments: argparse.Namespace, folder: Path | None) -> Settings:
-    """Return the settings of the spel.yaml in `folder`, if given, overridden by the options.
+    """Return the settings for a program.
 
-    Raises InputError if they are invalid.
+    They come from the spel.yaml in `folder`, if a folder is given. The options override them.
     """
     return read_settings(
         folder, arguments.set, robot=arguments.robot, controller=arguments.controller
@@ -80,11 +78,10 @@ def program_of(
     folder: Path,
     starts: str = 'main',
 ) -> Program:
-    """Return the program in `files` with new values of #define lines, and with its settings.
+    """Return the program in `files`, with new values of #define lines and with its settings.
 
-    `starts`: pattern of the functions that begin with the statements of the settings. Raises
-    ProgramError, with file paths from the current folder, if the program has errors, and
-    InputError if a value is invalid.
+    `starts`: pattern of the names of functions that start with the statements of the settings.
+    File paths in a ProgramError are relative to the current folder.
     """
     files = with_defines(files, dict(arguments.define))
     try:
@@ -103,5 +100,8 @@ def program_of(
 def environment_of(
     settings: Settings, folder: Path | None, keep: bool = False
 ) -> ProgramEnvironment:
-    """Return the environment of a program. `keep`: whether to store its files in `folder`."""
+    """Return the environment of a program.
+
+    `keep`: whether the files that the program writes are stored in `folder`.
+    """
     return ProgramEnvironment(settings.stubs, settings.ports, Files(folder, keep))

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo's robot cell: a simulated controller, its driver, and a ROS node that uses both.
 
-Controller and driver are separate processes, like in a real cell.
+Controller and driver are separate processes, as in a real cell.
 """
 
 import asyncio
-import contextlib
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -26,24 +25,9 @@ TIMEOUT_S = 5.0
 
 
 class RunningDriver(NamedTuple):
-    """A node that has enabled the driver, the driver's process, and their ROS domain."""
-
     user: RosClient
     process: Process
     domain: int
-
-
-@contextmanager
-def running_controller(folder: Path, start: Sequence[float], *arguments: str) -> Iterator[Ports]:
-    """Run a simulated controller on free ports, its joints at `start`, rad or m.
-
-    It is stopped when the block ends. Its log is written to a file in `folder`. Raises RunError if
-    it cannot start.
-    """
-    log = folder / 'sim_controller.log'
-    controller = processes.sim_controller(log, *arguments, start=start)
-    with processes.ended_at_exit(controller):
-        yield controller.ports()
 
 
 @contextmanager
@@ -56,9 +40,8 @@ def running_driver(
 ) -> Iterator[RunningDriver]:
     """Run the driver for a controller in a free ROS domain, and yield it once it is enabled.
 
-    `parameters`: ROS parameters of the driver, with `__` for a dot. The log is written to a file
-    in `folder`. All processes are stopped when the block ends. Raises RunError if the driver ends
-    or cannot be enabled.
+    `parameters`: ROS parameters of the driver, with `__` for a dot. Raises RunError if the driver
+    ends or cannot be enabled.
     """
     domain = processes.free_ros_domain()
     parameters['joint_names'] = f'[{",".join(joint_names)}]'
@@ -80,8 +63,6 @@ def running_driver(
 
 
 def _identity(remote_port: int) -> str:
-    """Return the identity of the controller at a port of this machine. Raises like `logged_in`."""
-
     async def asked() -> str:
         async with logged_in('127.0.0.1', remote_port, TIMEOUT_S) as ask:
             return await identity(ask, f'127.0.0.1:{remote_port}')
@@ -89,17 +70,16 @@ def _identity(remote_port: int) -> str:
     return asyncio.run(asked())
 
 
-ENVIRONMENT = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
-"""Environment variables needed in another terminal to find the driver."""
+ENVIRONMENT = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')  # for another terminal
 
 
-@contextlib.contextmanager
+@contextmanager
 def panel_beside(
     folder: Path, driver: RunningDriver, console: Console, *, enabled: bool
 ) -> Iterator[str | None]:
-    """Run the panel during the block, if enabled and installed, and yield its address.
+    """Run the panel during the block, if it is enabled and installed. Yield its address.
 
-    Raises RunError with its output if it does not start.
+    The address is None without a panel.
     """
     if not enabled:
         yield None
@@ -117,10 +97,7 @@ def panel_beside(
 
 
 def stay(driver: RunningDriver, panel: str | None, console: Console) -> None:
-    """Print how to reach driver and panel, and return at Ctrl-C.
-
-    `panel`: its address. Raises RunError if the driver ends.
-    """
+    """Print how to reach the driver and the panel, and wait for Ctrl-C."""
     console.print('controller and driver keep running until Ctrl-C. In another terminal:')
     for name in ENVIRONMENT:
         console.print(f'export {name}={os.environ[name]}', highlight=False)

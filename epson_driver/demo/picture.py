@@ -14,24 +14,25 @@ from epson_driver.error_texts import load_error_texts
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.report.measure import Figures, Recording
 from epson_driver.report.run import Run
-from epson_driver.report.smooth_study import COLOURS, per_unit, save_picture
+from epson_driver.report.smooth_study import (
+    COLOURS,
+    per_unit,
+    pyplot,
+    save_picture,
+    stops_during_motion,
+)
 from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import RobotModel
 
-TRACE = 'demo.pcap'
-"""The driver's trace, in the folder of the demo's logs."""
-
-WRITTEN_S = 0.3
-"""Wait before reading the trace, s. The driver flushes its recording slightly more often."""
-
+TRACE = 'demo.pcap'  # the driver's trace, in the folder of the demo's logs
+WRITTEN_S = 0.3  # before reading the trace: the driver flushes it slightly more often
 MAX_READS = 10
 
 
 def recorded_run(trace: Path, model: RobotModel, what: str) -> Run:
-    """Return the demo's run until now, from the trace of a driver that is still recording.
+    """Return the run up to now, from the trace of a driver that is still recording.
 
-    `what`: the name of the run. The trace is read at most MAX_READS times, until it contains
-    messages from after this call. Raises report.run.RunError if it contains no run.
+    The trace is read again until it contains messages from after this call.
     """
     until = time.time_ns()
     for _ in range(MAX_READS):
@@ -44,15 +45,13 @@ def recorded_run(trace: Path, model: RobotModel, what: str) -> Run:
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A run with its figures, and its title in the plot."""
-
     title: str
     run: Recording
     figures: Figures
 
 
 def top_speed(recording: Recording, limits: JointLimits) -> str:
-    """Return the highest joint velocity in each unit as a text, such as '1.57 rad/s, 0.40 m/s'."""
+    """Return the highest joint velocity in each unit as a text, as in '1.57 rad/s, 0.40 m/s'."""
     fastest = np.abs(recording.velocities).max(axis=0)
     units = np.array(limits.units)
     return ', '.join(
@@ -61,16 +60,11 @@ def top_speed(recording: Recording, limits: JointLimits) -> str:
 
 
 def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn], limits: JointLimits) -> None:
-    """Write the plot, a column per run: measured positions and velocities over time.
+    """Write the plot, with one column for each run.
 
-    Waypoints are dots, at the time when the arm passed them.
+    The dots are waypoints, drawn at the time when the arm passed them.
     """
-    import matplotlib as mpl
-
-    mpl.use('Agg')
-    from matplotlib import pyplot as plt
-
-    figure, grid = plt.subplots(
+    figure, grid = pyplot().subplots(
         2,
         len(drawn),
         figsize=(11, 7.5),
@@ -110,12 +104,8 @@ def _draw_run(above: Any, below: Any, trajectory: Trajectory, drawn: Drawn, fast
             markersize=marker,
         )
         below.plot(times, run.velocities[shown, joint], color=colour, linewidth=1.3)
-    stops = figures.stops + figures.commanded_stops
-    text = 'no stop' if not stops else f'{stops} stop' + 's' * (stops > 1)
-    above.set_title(
-        f'{drawn.title}: {figures.moved:.2f} s, {text} during the motion, at most {fastest}',
-        fontsize=10.5,
-    )
+    text = f'{figures.moved:.2f} s, {stops_during_motion(figures)}, at most {fastest}'
+    above.set_title(f'{drawn.title}: {text}', fontsize=10.5)
     below.set_xlabel('time since the start of the motion [s]')
     for axes in (above, below):
         axes.grid(alpha=0.3)

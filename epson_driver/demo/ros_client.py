@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A ROS node that uses the driver like an application: enable, send a goal, record states."""
 
+import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -27,14 +28,13 @@ from epson_driver.node.trajectory_messages import trajectory_message
 from epson_driver.processes.processes import RunError
 from epson_driver.report.measure import Recording
 
-READY_TIMEOUT_S = 30.0
-"""Timeout of every wait except for the motion itself, s."""
+READY_TIMEOUT_S = 30.0  # timeout of every wait except for the motion itself, s
 
 
 class RosClient:
-    """A ROS node that uses the driver, with its joints in the order of `joint_names`.
+    """A ROS node that uses the driver.
 
-    `check` is called while waiting, and raises if waiting has become pointless.
+    `check` is called during waits. It may raise an exception to end the wait.
     """
 
     def __init__(self, joint_names: tuple[str, ...], check: Callable[[], None]) -> None:
@@ -61,13 +61,11 @@ class RosClient:
         )
 
     def close(self) -> None:
-        """Destroy the node and shut ROS down."""
         self._executor.shutdown()
         self._node.destroy_node()
         rclpy.shutdown()
 
     def enable(self) -> None:
-        """Wait until the driver has the robot's state, then enable the arm."""
         self._recording = True
         self._wait(self._enable.service_is_ready, 'no ~/enable service')
         self._wait(lambda: self._link_state == 'connected', 'no links to the controller')
@@ -79,7 +77,6 @@ class RosClient:
         self._states.clear()
 
     def execute(self, trajectory: Trajectory, console: Console) -> tuple[str, bool]:
-        """Send the goal, show progress, and return the result's text and whether it succeeded."""
         total = len(trajectory.times)
         columns = (
             TextColumn('{task.description}'),
@@ -101,9 +98,8 @@ class RosClient:
     ) -> tuple[str, bool]:
         """Send the goal and return the result's text and whether it succeeded.
 
-        `on_progress` is called with the number of points passed. Starts a new recording, which
-        ends with the first joint state measured after the result, because the result may overtake
-        joint states in transit.
+        The recording ends with the first joint state measured after the result, because the result
+        may arrive before earlier joint states.
         """
         goal = FollowJointTrajectory.Goal(trajectory=trajectory_message(trajectory))
         self._wait(self._action.server_is_ready, 'no action server')
@@ -116,7 +112,7 @@ class RosClient:
             on_progress(int(np.searchsorted(trajectory.times, seconds - 1e-6)))
 
         handle = self._complete(self._action.send_goal_async(goal, on_feedback))
-        answer = self._complete(handle.get_result_async(), timeout=None)
+        answer = self._complete(handle.get_result_async(), timeout=math.inf)
         succeeded: bool = answer.status == GoalStatus.STATUS_SUCCEEDED
         if succeeded:
             ended = self._node.get_clock().now().nanoseconds * 1e-9
@@ -128,14 +124,16 @@ class RosClient:
         return answer.result.error_string, succeeded
 
     def reply_latencies(self) -> dict[str, str]:
-        """Return the diagnostic values of the driver's motion link."""
         self._diagnostics = None
         self._wait(lambda: self._diagnostics, 'no diagnostics')
         link = next(s for s in self._diagnostics.status if s.name.endswith('motion link'))
         return {value.key: value.value for value in link.values}
 
     def recording(self) -> Recording:
-        """Return the joint states received during the last goal, joints in `joint_names` order."""
+        """Return the joint states received during the last goal.
+
+        The joints are in the order of `joint_names`.
+        """
         if not self._states:
             raise RunError('no joint states received during the goal')
         return Recording(
@@ -154,21 +152,19 @@ class RosClient:
     def _on_diagnostics(self, message: Any) -> None:
         self._diagnostics = message
 
-    def _wait(self, ready: Callable[[], Any], otherwise: str) -> None:
-        until = time.monotonic() + READY_TIMEOUT_S
+    def _wait(
+        self, ready: Callable[[], Any], otherwise: str, timeout: float | None = None
+    ) -> None:
+        timeout = READY_TIMEOUT_S if timeout is None else timeout
+        until = time.monotonic() + timeout
         while not ready():
             if time.monotonic() > until:
-                raise RunError(f'{otherwise} within {READY_TIMEOUT_S:g} s')
+                raise RunError(f'{otherwise} within {timeout:g} s')
             self._check()
             self._executor.spin_once(timeout_sec=0.05)
 
-    def _complete(self, future: Any, timeout: float | None = READY_TIMEOUT_S) -> Any:
-        until = None if timeout is None else time.monotonic() + timeout
-        while not future.done():
-            if until is not None and time.monotonic() > until:
-                raise RunError(f'no answer within {timeout:g} s')
-            self._check()
-            self._executor.spin_once(timeout_sec=0.05)
+    def _complete(self, future: Any, timeout: float | None = None) -> Any:
+        self._wait(future.done, 'no answer', timeout)
         return future.result()
 
 

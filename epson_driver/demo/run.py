@@ -1,6 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Executes a planned trajectory with controller and driver, reports and evaluates it."""
+"""Executes a planned trajectory with a controller and a driver.
+
+It evaluates and reports the motion.
+"""
 
 import asyncio
 import socket
@@ -17,10 +20,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from epson_driver.demo.cell import panel_beside, running_controller, running_driver, stay
+from epson_driver.demo.cell import panel_beside, running_driver, stay
 from epson_driver.demo.picture import TRACE, Drawn, draw, recorded_run, top_speed
 from epson_driver.inputs import printable
 from epson_driver.motion import Trajectory
+from epson_driver.processes import processes
 from epson_driver.processes.processes import Ports, RunError
 from epson_driver.remote_ethernet.client import execute
 from epson_driver.report.figures import Figures as PageFigures
@@ -31,12 +35,8 @@ from epson_driver.report.run import Run as WireRun
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
 
-TOO_BUSY = 3
-"""The exit code of a run that cannot be judged."""
-
-MAX_GAP_S = 0.1
-"""Maximum gap between joint states for a run that can be evaluated, s."""
-
+TOO_BUSY = 3  # the exit code of a run that cannot be judged
+MAX_GAP_S = 0.1  # maximum gap between joint states for a run that can be evaluated, s
 PINGS = 50
 TIMEOUT_S = 5.0
 
@@ -46,8 +46,7 @@ TITLES = {'ptp': 'point to point', 'smooth': 'smooth', 'spel': 'SPEL+ program'}
 def deadlines_missed(remote_port: int) -> int:
     """Return the number of deadlines missed by the simulated controller on this machine.
 
-    It counts late motion cycles and late plans of the smoother by its own clock. Raises OSError,
-    TimeoutError, RemoteError or ValueError if it cannot be queried.
+    It counts late motion cycles and late plans of the smoother by its own clock.
     """
     command = execute('127.0.0.1', remote_port, ['Sim,timing'], TIMEOUT_S)
     cycles, plans, *_ = asyncio.run(command)[0].split(',')
@@ -55,11 +54,10 @@ def deadlines_missed(remote_port: int) -> int:
 
 
 def verdict(faults: Sequence[str], missed: int, longest_gap: float) -> tuple[int, str]:
-    """Return the exit code of a run and the sentence about it.
+    """Return the exit code of a run, and a sentence about it.
 
-    `faults`: deviations from the plan, a clause each. `missed`: deadlines missed during the run.
-    `longest_gap`: between two joint states, s. A run without faults passes, however busy the
-    machine was.
+    `faults`: deviations from the plan. `longest_gap`: longest interval between two joint states,
+    s. A run without faults passes, even if the machine was busy.
     """
     if not faults:
         return 0, 'the arm followed the plan'
@@ -85,8 +83,8 @@ def run(
     """Execute a trajectory once per motion and controller profile, and return the exit code.
 
     The exit code is 0 only if the arm followed the plan, and TOO_BUSY if that is uncertain.
-    `staying`: run the panel too, and keep everything running until Ctrl-C, with a single motion.
-    Raises RunError or report.run.RunError if the run fails, OSError if a file cannot be written.
+    `staying`: also run the panel, and keep everything running until Ctrl-C. It requires a single
+    motion.
     """
     model = load_robot_model(robot)
     runs = []
@@ -112,7 +110,7 @@ def run(
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One execution: the measurements, and the reports of driver and controller."""
+    """One execution: the measurements, and the reports of the driver and of the controller."""
 
     motion: str
     recording: Recording
@@ -120,14 +118,11 @@ class Run:
     text: str
     latencies: dict[str, str]
     round_trips: list[float]
-    missed: int
-    """Deadlines missed by the controller during the run."""
-    page: tuple[WireRun, PageFigures]
-    """The run on the wire and its figures, for the report page."""
+    missed: int  # deadlines missed by the controller during the run
+    page: tuple[WireRun, PageFigures]  # the run on the wire and its figures, for the report page
 
     @property
     def faults(self) -> list[str]:
-        """The deviations of the motion from the plan, a sentence each."""
         faults = []
         if self.figures.waypoint_deviation > MAX_DEVIATION_RAD:
             faults.append(
@@ -141,17 +136,21 @@ class Run:
 
 
 def as_on_page(numbers: Figures, page: PageFigures) -> Figures:
-    """Return the figures of a run, with the number of stops in its report page if that is larger.
+    """Return the measured values of a run, with the larger of two numbers of stops.
 
-    `measure` detects stops relative to the typical speed, so it may count a slow start and stops
-    after it as one. The page lists each stop with its duration.
+    One number is from `measure`, and the other from the run's report page. `measure` detects stops
+    relative to the typical speed, so it may count a slow start and the stops after it as a single
+    stop. The page lists each stop separately.
     """
     stood = len(page.stops) - numbers.commanded_stops
     return replace(numbers, stops=max(numbers.stops, stood, *(m.stops or 0 for m in page.motions)))
 
 
 class _GoalError(RunError):
-    """A goal was not reached. `missed`: deadlines that the controller missed during its motion."""
+    """The arm did not reach a goal.
+
+    `missed`: deadlines that the controller missed during the motion.
+    """
 
     def __init__(self, text: str, missed: int, wire: WireRun) -> None:
         super().__init__(text)
@@ -172,15 +171,16 @@ def _executed(
 ) -> Iterator[tuple[Run, Callable[[], None]]]:
     """Execute the trajectory with a controller and driver that run until the block ends.
 
-    `staying`: run the panel too. Yields the run, and a function that keeps the cell running until
-    Ctrl-C. Raises RunError if the goal is not reached.
+    Yields the run, and a function that keeps the cell running until Ctrl-C.
     """
     began = time.monotonic()
     start = trajectory.positions[0].tolist()
     how = [f'--controller={controller}', f'--robot={robot}']
     if motion != 'spel':
         how.append(f'--motion={motion}')
-    with running_controller(folder, start, *how) as ports:
+    sim_controller = processes.sim_controller(folder / 'sim_controller.log', *how, start=start)
+    with processes.ended_at_exit(sim_controller):
+        ports = sim_controller.ports()
         round_trips = _ping(ports) if staying else []
         with (
             running_driver(
@@ -236,7 +236,6 @@ def _report(
 
 
 def _unfinished(error: _GoalError, model: RobotModel, report: Path, console: Console) -> int:
-    """Report a failed goal, with the messages before the failure. Return the exit code."""
     try:
         shown = figures(error.wire, model.limits.rad_per_unit)
         write_report([(error.wire, shown)], model, report)
@@ -257,9 +256,8 @@ def _judged(console: Console, faults: list[str], missed: int, gap: float) -> int
 def _ping(ports: Ports) -> list[float]:
     """Return the round-trip times of PINGs to the controller's I/O port, s, sorted.
 
-    A SPEL+ program closes the port after a client has disconnected, and opens it for the next one.
-    A refused client connects again. Raises RunError if the port keeps closing, OSError if it
-    cannot be reached.
+    When a client disconnects, a SPEL+ program closes the port and opens it again. A client that is
+    refused in between therefore connects again.
     """
     until = time.monotonic() + TIMEOUT_S
     while True:

@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Requests to a controller whose motors are off. None of them can move anything.
 
-They still have side effects: they occupy the only place of a motion client, a rejected point may
-leave an error, and programs that serve one client once must be restarted. So they are sent only
-with the user's permission.
+They still have side effects. They occupy the only place of a motion client. A rejected point may
+leave an error. A program that serves only one client, and only once, must be restarted afterwards.
+They are therefore sent only with the user's permission.
 """
 
 import asyncio
-from collections.abc import Sequence
 from contextlib import AsyncExitStack
 
 from epson_driver.doctor.findings import Findings
@@ -16,15 +15,9 @@ from epson_driver.doctor.listening import Conversation, NoConnectionError, conve
 from epson_driver.doctor.state_facts import Facts, latest_joints, latest_status
 from epson_driver.driver.inhibit import MAIN_ENDED, Inhibit, device_inhibit, flags_inhibit
 from epson_driver.error_texts import ErrorTexts
-from epson_driver.remote_ethernet.answers import (
-    ask_control_device,
-    ask_flags,
-    ask_positions,
-)
+from epson_driver.remote_ethernet.answers import ask_control_device, ask_flags
 from epson_driver.remote_ethernet.client import HungUpError, RemoteError, logged_in
 from epson_driver.simple_message import (
-    IoInfo,
-    IoInfoReply,
     IoType,
     JointPosition,
     JointTrajPt,
@@ -34,6 +27,7 @@ from epson_driver.simple_message import (
     TriState,
     joint_data,
 )
+from epson_driver.simple_message.io_messages import IoInfo, IoInfoReply
 
 REPLY_TIMEOUT_S = 5.0
 SILENCE_S = 2.0
@@ -41,7 +35,6 @@ SILENCE_S = 2.0
 
 ADMISSION_TIMEOUT_S = 3.0
 MAX_CLIENTS = 20
-"""Maximum number of clients tried. If all are accepted, the limit is at least this high."""
 
 SLOW_VELOCITY = 0.01
 SLOW_DURATION_S = 5.0
@@ -70,7 +63,7 @@ def why_not_to_ask(state: Conversation) -> str:
 
 
 async def ask_motion_port(host: str, port: int, state: Conversation, findings: Findings) -> Facts:
-    """Return the facts from the replies to a STOP and to a point at the arm's current position."""
+    """Send a STOP and a point at the arm's current position. Return the facts from the replies."""
     facts: Facts = {}
     try:
         async with conversation(host, port) as motion:
@@ -80,7 +73,7 @@ async def ask_motion_port(host: str, port: int, state: Conversation, findings: F
             reply = await motion.ask(JointTrajPt(SpecialSequence.STOP_TRAJECTORY), REPLY_TIMEOUT_S)
             took = f'{(clock() - sent) * 1e3:.1f} ms'
             if reply is None:
-                _tell_of_silence(motion, findings)
+                _report_silence(motion, findings)
                 return facts
             facts |= _reply_facts(reply)
             text = f'replied to STOP after {took} with {_described(reply)}'
@@ -100,7 +93,7 @@ async def ask_motion_port(host: str, port: int, state: Conversation, findings: F
     return facts
 
 
-def _tell_of_silence(motion: Conversation, findings: Findings) -> None:
+def _report_silence(motion: Conversation, findings: Findings) -> None:
     if motion.traffic.ended:
         text = f'{motion.traffic.ended} immediately: another client is connected'
         findings.doubt = 'another client is connected to the motion port'
@@ -112,7 +105,6 @@ def _tell_of_silence(motion: Conversation, findings: Findings) -> None:
 
 
 def _reply_facts(reply: Packet) -> Facts:
-    """Return the facts from a reply to a STOP."""
     message = reply.message
     if isinstance(message, MotionReply):
         return {'program.kind': 'motoman', 'program.motors': 'motoman'}
@@ -127,7 +119,10 @@ def _described(reply: Packet) -> str:
 
 
 async def _ask_points(motion: Conversation, state: Conversation) -> Facts:
-    """Return which special sequence numbers the program supports. The motors must be off."""
+    """Return which special sequence numbers the program supports.
+
+    Requires that the motors are off.
+    """
     start = JointTrajPt(SpecialSequence.START_TRAJECTORY_STREAMING)
     answered = await motion.ask(start, SILENCE_S)
     facts: Facts = {} if answered is None else {'program.special_sequences': 'all'}
@@ -154,7 +149,6 @@ async def _serves_again(host: str, port: int, before: Conversation) -> bool:
 
 
 async def count_state_clients(host: str, port: int) -> Facts:
-    """Return how many clients the state port serves in parallel, including the existing one."""
     served = 1
     async with AsyncExitStack() as connected:
         while served < MAX_CLIENTS:
@@ -171,9 +165,9 @@ async def count_state_clients(host: str, port: int) -> Facts:
 
 
 async def ask_io_port(host: str, port: int, state: Conversation, findings: Findings) -> Facts:
-    """Return the port and the number of I/O points of each type, or {} if there is no reply.
+    """Count the I/O points.
 
-    Outputs may take their safe values when the connection closes.
+    The outputs may take their safe values when the connection closes.
     """
     try:
         async with conversation(host, port) as io:
@@ -198,18 +192,6 @@ async def ask_io_port(host: str, port: int, state: Conversation, findings: Findi
     return {'ports.io': port, 'io': counts}
 
 
-async def ask_joints(
-    host: str, port: int, password: str, units: Sequence[str]
-) -> tuple[tuple[float, ...], bool]:
-    """Return joint positions, rad or m by `units`, and whether the motors are on.
-
-    Raises RemoteError if the controller refuses, TimeoutError if it does not answer, or
-    ConnectionError if the connection fails.
-    """
-    async with logged_in(host, port, REPLY_TIMEOUT_S, password) as ask:
-        return await ask_positions(ask, units)
-
-
 async def ask_remote_port(
     host: str,
     port: int,
@@ -228,7 +210,11 @@ async def ask_remote_port(
             flags, number = await ask_flags(ask)
             device = await ask_control_device(ask)
     except RemoteError as error:
-        findings.wrong('remote port', str(error), 'check the password in RC+ and here')
+        findings.wrong(
+            'remote port',
+            str(error),
+            'name a variable with the password of RC+: --password-variable',
+        )
         return {}, []
     except (TimeoutError, ConnectionError) as error:
         text = str(error) or f'no answer within {REPLY_TIMEOUT_S:g} s'

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of a controller through its ports, with the requests that the user permits."""
+"""Checks of a controller through its ports. They send only requests that the user permits."""
 
 import asyncio
 import time
@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from epson_driver.doctor.asking import (
+    REPLY_TIMEOUT_S,
     ask_io_port,
-    ask_joints,
     ask_motion_port,
     ask_remote_port,
     count_state_clients,
     why_not_to_ask,
 )
-from epson_driver.doctor.findings import ARM, Findings, Level, tell_inhibit
+from epson_driver.doctor.findings import ARM, Findings, Level, report_inhibit
 from epson_driver.doctor.learning import differences, tolerance
 from epson_driver.doctor.listening import (
     Conversation,
@@ -25,10 +25,10 @@ from epson_driver.doctor.listening import (
     conversation,
 )
 from epson_driver.doctor.port_checks import (
+    CHECK_CABLE,
     FELL_SILENT_S,
+    report_no_state,
     silence,
-    tell_of_no_state,
-    tell_refusal,
 )
 from epson_driver.doctor.pose_checks import Ask, check_joints, check_tool
 from epson_driver.doctor.state_facts import (
@@ -42,48 +42,43 @@ from epson_driver.doctor.state_facts import (
 from epson_driver.driver.inhibit import MAIN_ENDED, Cause, controller_error, seen_inhibit
 from epson_driver.error_texts import load_error_texts
 from epson_driver.profiles import ControllerProfile
-from epson_driver.remote_ethernet.client import RemoteError
+from epson_driver.remote_ethernet.answers import ask_positions
+from epson_driver.remote_ethernet.client import RemoteError, logged_in
 from epson_driver.robots import RobotModel
 from epson_driver.simple_message import Status, TriState
 
 MIN_LISTENING_S = 1.0
 AT_ONCE_S = 0.5
-"""A connection that the controller closes within this time counts as refused, s."""
 
 CONDITION_S = 3.0
-"""Maximum wait for the first STATUS before the remaining checks, s."""
+"""Maximum wait for the first STATUS before the other checks start, s."""
 
 LATE_S = 0.05
-"""Timer delay above which a note is given, s."""
 
 BUSY_S = 0.25
-"""Timer delay above which silence is no evidence against the controller, s: a simulated
-controller on the same busy machine may be delayed for seconds."""
+"""Timer delay on this machine above which silence does not count against the controller, s."""
 
 LONGEST_GAP_S = 0.3
 CLOCK_JUMP_S = 0.1
 NEEDED = ('drives_powered', 'e_stopped', 'in_error')
-"""Fields of STATUS without which the arm's ability to move is unknown."""
+"""Fields of STATUS that are needed to decide whether the arm can move."""
 
 SERVERS = {
     'state port': 'StateServer (67)',
     'motion port': 'MotionServer (66)',
     'I/O port': 'IoServer (68)',
 }
-"""Tasks of the SPEL+ program that serve the ports, with their numbers in RC+'s Task Manager."""
 
 OUTSIDE_RAD = 0.05
-"""Tolerance of a reported joint position beyond its limit, rad or m, for noise."""
+"""Distance beyond its limit at which a reported joint position is still accepted, rad or m.
+
+It allows for noise.
+"""
 
 
 @dataclass(frozen=True)
 class Question:
-    """The controller to check, and the permitted checks. A port of 0 is not used.
-
-    * seconds: listening time, s.
-    * may_ask: permits requests to the motion and remote ports.
-    * may_use_io: permits requests to the I/O port.
-    """
+    """The controller to check, and the permitted checks. A port of 0 is not used."""
 
     host: str
     profile: ControllerProfile
@@ -93,9 +88,9 @@ class Question:
     io_port: int
     remote_port: int
     password: str
-    seconds: float
-    may_ask: bool
-    may_use_io: bool
+    seconds: float  # listening time
+    may_ask: bool  # permits requests to the motion and remote ports
+    may_use_io: bool  # permits requests to the I/O port
 
 
 async def check_controller(
@@ -103,8 +98,7 @@ async def check_controller(
 ) -> Facts:
     """Check a controller, and return measured values by the keys of a controller profile.
 
-    `ask` shows a sentence to a person at the pendant and returns the answer. It is None if no
-    person is available.
+    `ask` shows a question to a person at the pendant, and returns the answer.
     """
     facts = await _check(question, findings, ask)
     if question.profile.spel.project:
@@ -113,7 +107,6 @@ async def check_controller(
 
 
 def _name_tasks(findings: Findings) -> None:
-    """Add a note that names the tasks of the SPEL+ program whose ports have a problem."""
     well = {item.about for item in findings.all if item.level is Level.OK}
     looked_at = {item.about for item in findings.all if item.level in (Level.WRONG, Level.NOTE)}
     missing = [task for port, task in SERVERS.items() if port in looked_at - well]
@@ -126,6 +119,10 @@ def _name_tasks(findings: Findings) -> None:
 async def _check(question: Question, findings: Findings, ask: Ask | None) -> Facts:
     if question.profile.program.interface == 'statements':
         return await _check_remote(question, findings)
+    if question.profile.program.interface == 'rtmc':
+        why = 'this controller serves one client of Real-time Motion Control, which is the driver'
+        findings.skipped('controller', why, 'start the driver: it reports what prevents motion')
+        return {}
     where = f'{question.host}:{question.state_port}'
     try:
         findings.busy(f'connecting to {where}')
@@ -137,7 +134,8 @@ async def _check(question: Question, findings: Findings, ask: Ask | None) -> Fac
                     await check_joints(state, question.model, ask, findings)
                     await check_tool(state, question.model, ask, findings)
     except NoConnectionError as error:
-        tell_refusal(where, error, findings)
+        _, text, remedy = error.refusal.value
+        findings.wrong('state port', f'{where}: {text} ({error})', remedy)
         return {}
     _compare(question.profile, facts, findings)
     return facts
@@ -151,22 +149,24 @@ async def _check_remote(question: Question, findings: Findings) -> Facts:
         question.host, question.remote_port, question.password, findings, texts, False
     )
     for item in inhibits:
-        tell_inhibit(item, findings)
+        report_inhibit(item, findings)
     if not facts or inhibits:
         return {}
     try:
-        report = await ask_joints(question.host, question.remote_port, question.password, units)
+        async with logged_in(
+            question.host, question.remote_port, REPLY_TIMEOUT_S, question.password
+        ) as ask:
+            joints, motors = await ask_positions(ask, units)
     except (RemoteError, TimeoutError, ConnectionError) as error:
         text = str(error) or 'no answer'
         findings.wrong('joints', text, 'stop the running program: the controller must be Ready')
         return {}
-    joints, motors = report
     _check_positions(joints, question.model, findings)
     findings.ok(ARM, f'the motors are {"on" if motors else "off: the driver switches them on"}')
     findings.note(
         'Remote Ethernet alone',
-        'only single joint moves, lines and arcs, no streams, no trajectories of several points, '
-        'no joint states during a motion',
+        'joint moves, lines and arcs, one at a time; a trajectory of several points only along a '
+        'straight line of tool0; no streams, and no joint states during a motion',
         'load the controller program for more',
     )
     return {'ports.remote': question.remote_port}
@@ -181,16 +181,13 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
         text = (
             f'{received.ended} immediately: another client is connected, or its program has ended'
         )
-        remedy = (
-            'stop the other client, which may be the driver or the ROS 1 node, or restart the '
-            'program'
-        )
+        remedy = 'stop the other client, such as the driver, or restart the program'
         findings.wrong('state port', text, remedy)
         return {}
     facts: Facts = {}
     findings.busy(f'listening to the state port for {question.seconds:g} s')
     if await state.wait_for_traffic(latest_status, min(question.seconds - AT_ONCE_S, CONDITION_S)):
-        facts = await _tell_why_not(question, state, findings)
+        facts = await _report_inhibits(question, state, findings)
     deadline = began + question.seconds
     while (left := deadline - loop.time()) > 0.0 and not await state.ended_within(min(left, 1.0)):
         rest = max(deadline - loop.time(), 0.0)
@@ -199,29 +196,22 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
     drift = (time.time() - wall) - (time.monotonic() - monotonic)
     findings.busy('evaluating the messages')
     motion = (question.host, question.motion_port)
-    if await tell_of_no_state(state, listened, motion, findings):
+    if await report_no_state(state, listened, motion, findings):
         return {}
     handshake = f'handshake {received.handshake * 1e3:.1f} ms'
     findings.ok('state port', f'{question.host}:{question.state_port} accepts, {handshake}')
     if received.ended:
-        text = f'{received.ended} after {listened:.1f} s'
-        remedy = (
-            'check whether the controller is off, its program has ended, or a cable is unplugged'
-        )
-        findings.wrong('state port', text, remedy)
+        findings.wrong('state port', f'{received.ended} after {listened:.1f} s', CHECK_CABLE)
     elif (silent := silence(received)) > FELL_SILENT_S + received.lateness:
         text = (
             f'{len(received.packets)} messages received, then none for {silent:.1f} s: half-open'
         )
-        remedy = (
-            'check whether a cable is unplugged, the controller is off, or its state task is stuck'
-        )
-        _wrong_unless_busy(received, findings, 'state port', text, remedy)
+        _wrong_unless_busy(received, findings, 'state port', text, CHECK_CABLE)
     if received.lateness > LATE_S:
         text = f'busy: a timer was up to {received.lateness * 1e3:.0f} ms late'
         findings.note('this machine', text, 'times below may be wrong by this amount')
-    _tell_messages(state, listened, findings)
-    _tell_condition(question, state, findings)
+    _report_messages(state, listened, findings)
+    _report_condition(question, state, findings)
     if abs(drift) > CLOCK_JUMP_S:
         text = f"this machine's clock was set by {drift:.2f} s during the check"
         findings.note('clock', text, 'ROS time stamps jump too: synchronise it with chrony or NTP')
@@ -232,8 +222,11 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
     return facts | state_facts(received) | {'ports.state': question.state_port}
 
 
-async def _tell_why_not(question: Question, state: Conversation, findings: Findings) -> Facts:
-    """Report why the arm cannot move. Return the facts from Remote Ethernet, if it may be used."""
+async def _report_inhibits(question: Question, state: Conversation, findings: Findings) -> Facts:
+    """Report why the arm cannot move.
+
+    Return the facts from Remote Ethernet if this port may be used.
+    """
     status = latest_status(state.traffic) or Status()
     texts = load_error_texts(question.profile.error_texts)
     facts: Facts = {}
@@ -253,7 +246,7 @@ async def _tell_why_not(question: Question, state: Conversation, findings: Findi
         causes = {item.cause for item in inhibits}
         inhibits = [item for item in report if item.cause not in causes] + inhibits
     for item in inhibits:
-        tell_inhibit(item, findings)
+        report_inhibit(item, findings)
     unknown = [name for name in NEEDED if getattr(status, name) == TriState.UNKNOWN]
     if not inhibits and unknown:
         text = f'unknown whether it can move: {", ".join(unknown)} UNKNOWN in STATUS'
@@ -267,7 +260,10 @@ async def _tell_why_not(question: Question, state: Conversation, findings: Findi
 def _wrong_unless_busy(
     traffic: ReceivedTraffic, findings: Findings, about: str, text: str, remedy: str
 ) -> None:
-    """Report a timing problem, or a note if this machine was too busy to be sure."""
+    """Report a timing problem.
+
+    If this machine was too busy to be sure, report only a note.
+    """
     if traffic.lateness <= BUSY_S:
         findings.wrong(about, text, remedy)
         return
@@ -275,7 +271,7 @@ def _wrong_unless_busy(
     findings.note(about, text, f'repeat it with a lower load on this machine, then: {remedy}')
 
 
-def _tell_messages(state: Conversation, listened: float, findings: Findings) -> None:
+def _report_messages(state: Conversation, listened: float, findings: Findings) -> None:
     received = state.traffic
     joints = [time for time, packet in received.packets if is_joints(packet)]
     others = len(received.packets) - len(joints)
@@ -306,7 +302,7 @@ def _tell_messages(state: Conversation, listened: float, findings: Findings) -> 
         )
 
 
-def _tell_condition(question: Question, state: Conversation, findings: Findings) -> None:
+def _report_condition(question: Question, state: Conversation, findings: Findings) -> None:
     joints, status = latest_joints(state.traffic), latest_status(state.traffic)
     model = question.model
     if joints is not None:
@@ -351,14 +347,14 @@ def _check_positions(joints: tuple[float, ...], model: RobotModel, findings: Fin
 
 
 async def _ask(question: Question, state: Conversation, findings: Findings) -> Facts:
-    facts: Facts = {}
     if not question.may_ask and not question.may_use_io:
         findings.skipped('motion, I/O, remote port', 'not queried', 'permit it with --ask, --io')
-        return facts
+        return {}
     reason = why_not_to_ask(state)
     if reason:
         findings.skipped('motion, I/O port', reason, 'switch the motors off, then repeat')
-        return facts
+        return {}
+    facts: Facts = {}
     if question.may_ask:
         findings.busy('counting the clients that the state port accepts')
         facts |= await count_state_clients(question.host, question.state_port)

@@ -12,22 +12,20 @@ import platform
 import re
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from epson_driver.doctor.findings import Findings
 from epson_driver.processes.command import safe_python
+from epson_driver.processes.ros_shell import DISTRIBUTIONS, OTHER_ROS, shell_problems
 
 ASK_TIMEOUT_S = 60.0
 
 MIN_PYTHON = (3, 11)
 
 SAFE_DOMAINS = range(102)
-"""Domains whose ports are below the ephemeral ports of every common system."""
-
-DISTRIBUTIONS = ('jazzy',)
-"""ROS distributions with which this package is tested."""
+"""Domains whose ports are below the ephemeral ports of all common systems."""
 
 SHARED, PROCESSES = Path('/dev/shm'), Path('/proc')  # noqa: S108 - Fast DDS' own place
 LOGIND = Path('/etc/systemd/logind.conf')
@@ -44,33 +42,21 @@ OTHER_PACKAGE = (
     'AMENT_PREFIX_PATH'
 )
 
-DEFINITIONS: dict[str, Sequence[str]] = {
-    'industrial_msgs.msg.RobotStatus': (
-        'header',
-        'mode',
-        'e_stopped',
-        'drives_powered',
-        'motion_possible',
-        'in_motion',
-        'in_error',
-        'error_codes',
-    ),
-    'control_msgs.msg.JointTrajectoryControllerState': (
-        'header',
-        'joint_names',
-        'reference',
-        'feedback',
-        'error',
-        'output',
-        'speed_scaling_factor',
-    ),
-    'control_msgs.msg.JointTolerance': ('name', 'position', 'velocity', 'acceleration'),
-    'epson_msgs.msg.IoPoint': ('type', 'index', 'value'),
-    'sensor_msgs.msg.JointState': ('header', 'name', 'position', 'velocity', 'effort'),
-    'trajectory_msgs.msg.JointTrajectory': ('header', 'joint_names', 'points'),
-    'diagnostic_msgs.msg.DiagnosticArray': ('header', 'status'),
+DEFINITIONS = {
+    'industrial_msgs.msg.RobotStatus': 'header mode e_stopped drives_powered motion_possible '
+    'in_motion in_error error_codes',
+    'control_msgs.msg.JointTrajectoryControllerState': 'header joint_names reference feedback '
+    'error output speed_scaling_factor',
+    'control_msgs.msg.JointTolerance': 'name position velocity acceleration',
+    'epson_msgs.msg.IoPoint': 'type index value',
+    'sensor_msgs.msg.JointState': 'header name position velocity effort',
+    'trajectory_msgs.msg.JointTrajectory': 'header joint_names points',
+    'diagnostic_msgs.msg.DiagnosticArray': 'header status',
 }
-"""Messages, and the fields that the driver uses. Another package of that name lacks some."""
+"""Message type → fields that the driver uses.
+
+Other packages with the same name lack some of these fields.
+"""
 
 _ASK = """
 import importlib, json, os, sys
@@ -97,7 +83,6 @@ sys.stdout.write('\\n' + json.dumps(found))
 
 
 def check_environment(findings: Findings, environment: Mapping[str, str] = os.environ) -> bool:
-    """Check this machine. Returns whether ROS is installed or expected."""
     version = platform.python_version()
     if sys.version_info >= MIN_PYTHON:
         findings.ok('Python', f'{version}, {sys.executable}')
@@ -110,11 +95,13 @@ def check_environment(findings: Findings, environment: Mapping[str, str] = os.en
         return False
     if distribution and distribution not in DISTRIBUTIONS:
         text = f'ROS_DISTRO is {distribution}, this package is for {" or ".join(DISTRIBUTIONS)}'
-        findings.wrong('ROS', text, 'source a workspace of that distribution, in a new terminal')
+        findings.wrong('ROS', text, OTHER_ROS)
     elif distribution:
         findings.ok('ROS', f'{distribution} ({environment.get("AMENT_PREFIX_PATH", "")})')
     else:
         findings.ok('ROS', 'installed with pip, because ROS_DISTRO is not set')
+    for problem in shell_problems(environment):
+        findings.wrong(*problem)
     if result is not None:
         _check_ros(findings, result)
     _check_discovery(findings, environment)
@@ -123,7 +110,6 @@ def check_environment(findings: Findings, environment: Mapping[str, str] = os.en
 
 
 def _ask_ros(findings: Findings, environment: Mapping[str, str]) -> dict[str, Any] | None:
-    """Import ROS in another process and return its report, or None if that fails."""
     try:
         process = subprocess.run(  # noqa: S603 - our own words
             [*safe_python(), '-c', _ASK, *DEFINITIONS],
@@ -149,7 +135,7 @@ def _ask_ros(findings: Findings, environment: Mapping[str, str]) -> dict[str, An
 
 def _check_ros(findings: Findings, result: Mapping[str, Any]) -> None:
     for name, fields in DEFINITIONS.items():
-        _check_definition(findings, name, fields, result[name])
+        _check_definition(findings, name, fields.split(), result[name])
     if 'rclpy' in result:
         findings.wrong('rclpy', result['rclpy'], f'{BUILD}, or check RMW_IMPLEMENTATION')
     else:
@@ -157,7 +143,7 @@ def _check_ros(findings: Findings, result: Mapping[str, Any]) -> None:
 
 
 def _check_definition(
-    findings: Findings, name: str, fields: Sequence[str], definition: str | list[str]
+    findings: Findings, name: str, fields: list[str], definition: str | list[str]
 ) -> None:
     about = name.replace('.', '/')
     if isinstance(definition, str):
@@ -202,11 +188,21 @@ def _check_discovery(findings: Findings, environment: Mapping[str, str]) -> None
         findings.note('discovery range', text, 'unset it, and set ROS_AUTOMATIC_DISCOVERY_RANGE')
 
 
+def _mounts(process: Path) -> Path:
+    return (process / 'ns/mnt').readlink()
+
+
 def _check_shared_memory(findings: Findings) -> None:
-    """Check for causes of failure of Fast DDS' shared memory. This package uses UDP instead."""
+    """Check for problems with the shared memory of Fast DDS.
+
+    This package uses UDP instead. Processes with other mounts, such as those of containers, have
+    a shared memory of their own.
+    """
     about, remedy = 'shared memory', 'restart it with FASTDDS_BUILTIN_TRANSPORTS=UDPv4'
     for process in PROCESSES.glob('[0-9]*'):
         with contextlib.suppress(OSError):  # another user's, or it has ended
+            if _mounts(process) != _mounts(PROCESSES / 'self'):
+                continue
             maps = (process / 'maps').read_text('utf-8', 'replace')
             if re.search(rf'{SHARED}/fast\S* \(deleted\)', maps):
                 text = f'the files of process {process.name} were removed, so messages are lost'
@@ -223,7 +219,5 @@ def _check_shared_memory(findings: Findings) -> None:
         with contextlib.suppress(OSError):  # not for this user
             settings += path.read_text('utf-8', 'replace') + '\n'
     if settings and not re.search(r'^RemoveIPC=(no|false|0)', settings, re.MULTILINE):
-        text = (
-            f'systemd removes the files of a user at logout: RemoveIPC=no is missing in {LOGIND}'
-        )
+        text = f"systemd removes a user's files at logout: RemoveIPC=no is missing in {LOGIND}"
         findings.note(about, text, 'add it, or use UDP like this driver')

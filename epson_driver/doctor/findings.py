@@ -11,22 +11,17 @@ from epson_driver.driver.remedy import Remedy
 
 
 class Level(StrEnum):
-    """Severity of a finding. WRONG and HELD make the exit code 1.
-
-    HELD: nothing is broken, but this keeps the arm from moving.
-    """
+    """Severity of a finding. WRONG and INHIBIT make the exit code 1."""
 
     OK = 'ok'
     NOTE = 'note'
     WRONG = 'wrong'
-    HELD = 'held'
+    INHIBIT = 'inhibit'  # nothing is broken, but this keeps the arm from moving
     SKIPPED = 'skipped'
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line: its subject, the finding and the remedy."""
-
     level: Level
     about: str
     text: str
@@ -36,54 +31,46 @@ class Finding:
 class Findings:
     """Collects findings and reports each immediately, because the next check may be slow.
 
-    * tell: called with each finding.
+    * report: called with each finding.
     * busy: called with a description of the current step.
-    * doubt: a sentence on why it is unknown whether the arm could move, or ''.
+    * doubt: a sentence that explains why it is unknown whether the arm could move, or ''.
     """
 
     def __init__(
-        self, tell: Callable[[Finding], None], busy: Callable[[str], None] = lambda text: None
+        self, report: Callable[[Finding], None], busy: Callable[[str], None] = lambda text: None
     ) -> None:
         self.all: list[Finding] = []
         self.busy = busy
         self.doubt = ''
-        self._tell = tell
+        self._report = report
 
     def add(self, finding: Finding) -> None:
-        """Add a finding."""
         self.all.append(finding)
-        self._tell(finding)
+        self._report(finding)
 
     def ok(self, about: str, text: str) -> None:
-        """Report a correct state."""
         self.add(Finding(Level.OK, about, text))
 
     def note(self, about: str, text: str, remedy: str = '') -> None:
-        """Report a remark on a state that is not wrong."""
         self.add(Finding(Level.NOTE, about, text, remedy))
 
     def wrong(self, about: str, text: str, remedy: str) -> None:
-        """Report an error and its remedy."""
         self.add(Finding(Level.WRONG, about, text, remedy))
 
-    def held(self, about: str, text: str, remedy: str) -> None:
-        """Report a reason why the arm cannot move, and its remedy."""
-        self.add(Finding(Level.HELD, about, text, remedy))
+    def inhibit(self, about: str, text: str, remedy: str) -> None:
+        self.add(Finding(Level.INHIBIT, about, text, remedy))
 
     def skipped(self, about: str, why: str, remedy: str = '') -> None:
-        """Report a skipped check and the reason."""
         self.add(Finding(Level.SKIPPED, about, why, remedy))
 
     @property
     def exit_code(self) -> int:
-        """0 if nothing is wrong and nothing keeps the arm from moving, else 1."""
-        return int(any(item.level in (Level.WRONG, Level.HELD) for item in self.all))
+        return int(any(item.level in (Level.WRONG, Level.INHIBIT) for item in self.all))
 
     @property
     def verdict(self) -> str:
-        """The summary in one sentence."""
         wrong = sum(item.level is Level.WRONG for item in self.all)
-        inhibit = next((item for item in self.all if item.level is Level.HELD), None)
+        inhibit = next((item for item in self.all if item.level is Level.INHIBIT), None)
         message = [f'{wrong} wrong'] if wrong else []
         if inhibit is not None:
             message.append(f'the arm cannot move: {inhibit.text}')
@@ -93,7 +80,6 @@ class Findings:
 
 
 def as_text(findings: Findings, head: Sequence[str]) -> str:
-    """Return the findings as a text file for a bug report."""
     lines = [*head, '']
     for item in findings.all:
         lines.append(f'{item.level.value:8}{item.about}: {item.text}')
@@ -115,7 +101,7 @@ ABOUT = {
     Cause.MAIN_ENDED: 'main',
     Cause.PAUSED: 'pause',
 }
-"""The subject of a finding about each cause. For other causes it is the arm."""
+"""Cause → subject of a finding about it. The subject of all other causes is the arm."""
 
 WORDS = {
     Remedy.RELEASE_ESTOP: 'release it, ~/reset_error (or reset at the controller), then ~/enable',
@@ -130,17 +116,21 @@ WORDS = {
 }
 
 
-def tell_inhibit(inhibit: Inhibit, findings: Findings, driver: str = '') -> None:
-    """Report a reason why the arm cannot move. `driver`: the driver that states it, if any."""
+def report_inhibit(inhibit: Inhibit, findings: Findings, driver: str = '') -> None:
+    """Report a reason why the arm cannot move.
+
+    `driver`: the driver that reports the reason, if any.
+    """
     remedy = WORDS.get(inhibit.remedy, inhibit.remedy.value)
     about = driver or ABOUT.get(inhibit.cause, ARM)
-    findings.held(about, inhibit.text, ', '.join(filter(None, (inhibit.advice, remedy))))
+    findings.inhibit(about, inhibit.text, ', '.join(filter(None, (inhibit.advice, remedy))))
 
 
-def tell_drivers(drivers: Sequence[Mapping[str, str]], findings: Findings) -> None:
+def report_drivers(drivers: Sequence[Mapping[str, str]], findings: Findings) -> None:
     """Report the /diagnostics of the drivers running in this ROS domain.
 
-    Each mapping has `name`, `host`, `text` and the other diagnostic values of the driver's arm.
+    Each mapping contains `name`, `host`, `text`, and the other diagnostic values that a driver
+    publishes for its arm.
     """
     for driver in drivers:
         who = f'driver {driver["name"]} ({driver["host"]})'
@@ -153,6 +143,6 @@ def tell_drivers(drivers: Sequence[Mapping[str, str]], findings: Findings) -> No
             driver['text'],
             driver.get('advice', ''),
         )
-        tell_inhibit(result, findings, who)
+        report_inhibit(result, findings, who)
     if not drivers:
         findings.skipped('driver', 'not running in this ROS domain, so its arm gate is unknown')

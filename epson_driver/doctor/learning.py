@@ -1,6 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A controller profile from measured facts, with a reason for every key that was not measured."""
+"""A controller profile from measured facts.
+
+It gives a reason for every key that was not measured.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -48,6 +51,7 @@ NOT_FOUND: Mapping[str, str] = {
     'state.period': 'too few messages received',
     'state.joint_positions_per_status': 'too few messages received',
     'state.status_with_joints': 'too few messages received',
+    'state.status_at_rest': _MOTION,
     'state.message': 'no joints received',
     'state.feedback_time': 'it sends no JOINT_FEEDBACK',
     'state.errors': 'it is visible only after an error, an E-stop or a lost link',
@@ -59,28 +63,22 @@ NOT_FOUND: Mapping[str, str] = {
     'spel.': 'for the simulation only: a SPEL+ program is in its files, not on the wire',
     'io': 'not queried (see --io), or no reply',
     'remote.': 'not queried: it needs an idle session until its timeout',
+    'rtmc.': 'not queried: doctor is no client of Real-time Motion Control',
 }
 """Reasons why keys were not measured. A name that ends with a dot applies to its whole section."""
 
 
 def why_not(key: str) -> str:
-    """Return why a key of a profile was not measured."""
     section = key[: key.rfind('.') + 1]
     return NOT_FOUND[key] if key in NOT_FOUND else NOT_FOUND[section]
 
 
 def unknown(facts: Facts) -> list[str]:
-    """Return the keys of a profile that were not measured, in the order of RULES."""
     named = ('name', 'description', 'approximate')
     return [key for key in RULES if key not in facts and key not in named]
 
 
 def profile_text(name: str, facts: Facts, like: str, about: str) -> str:
-    """Return the text of a profile file: the facts, and the other keys from the profile `like`.
-
-    `about`: time and place of the measurement. The keys that were not measured are listed in
-    comments.
-    """
     missing = unknown(facts)
     data: dict[str, Any] = {
         'like': like,
@@ -108,7 +106,7 @@ def profile_text(name: str, facts: Facts, like: str, about: str) -> str:
 
 
 def differences(facts: Facts, profile: ControllerProfile) -> list[tuple[str, object, object]]:
-    """Return key, measured value and profile value of each fact that differs from the profile."""
+    """Return each fact that differs from the profile: key, measured value and profile value."""
     result = []
     for key, value in facts.items():
         if key.startswith('ports.') or key in ('io', 'mode'):
@@ -125,21 +123,20 @@ def differences(facts: Facts, profile: ControllerProfile) -> list[tuple[str, obj
 
 
 _SEEN_IN_PART = {('program.motors', 'none'), ('program.motors', 'restart')}
-"""Keys, with the profile value that a measurement cannot contradict. `none`: Remote Ethernet may
-be available although the driver must not use it. `restart`: the program that must be stopped first
-is visible only while it runs."""
+"""Keys, each with the value in a profile that a measurement cannot contradict. `none`: Remote
+Ethernet may be available although the driver must not use it. `restart`: the program that must be
+stopped first is visible only while it runs.
+"""
 
-TOLERANCE_SHARE = 0.1
+TOLERANCE_FRACTION = 0.1
 """Relative tolerance of a measured time, in addition to its uncertainty."""
 
 
 def tolerance(value: float, expected: float) -> float:
-    """Return the tolerance for a measured value against the profile's value."""
-    return TOLERANCE_SHARE * expected + getattr(value, 'uncertainty', 0.0)
+    return TOLERANCE_FRACTION * expected + getattr(value, 'uncertainty', 0.0)
 
 
 def value_of(profile: ControllerProfile, key: str) -> object:
-    """Return the value of a key of a profile, in the form of a profile file."""
     result: Any = profile
     for name in key.split('.'):
         result = getattr(result, name)

@@ -21,33 +21,31 @@ from epson_driver.trace.pcap import Conversation as WireTrace
 from epson_driver.trace.pcap import PcapWriter
 
 MAX_KEPT = 100_000
-"""Maximum number of packets stored: eight minutes at 200 Hz."""
+"""Maximum number of stored packets: the packets of eight minutes at 200 Hz."""
 
 TRACE: ContextVar[PcapWriter | None] = ContextVar('trace', default=None)
-"""Recorder of all bytes sent and received, or None."""
 
 TICK_S = 0.02
 """Period at which the lateness of this process's timers is measured, s."""
 
 REOPENED_S = 2.0
-"""Time in which a server opens its port again after a client has left, s."""
+"""Time within which a server opens its port again after a client has disconnected, s."""
 
 RETRY_S = 0.1
 FIRST_BYTES_S = 0.5
-"""Time within which a state port sends its first message, or closes a second connection, s."""
+"""Time within which a state port sends its first message or closes a second connection, s."""
 
 LOST = (os.strerror(errno.ETIMEDOUT), os.strerror(errno.EHOSTUNREACH))
-"""Reasons for the end of a connection to a machine that no longer answers TCP."""
+"""Error texts of a connection that ends because the other machine no longer answers TCP."""
 
 
 MakeLink = Callable[..., Link]
-"""Creates a link (TCP client) from host, port, and the callbacks on_packet and on_state."""
 
 SIMPLE_MESSAGE: MakeLink = partial(Link, 'doctor', quiet=True)
 
 
 class Refusal(Enum):
-    """Kinds of failed connections. A value is a short name, a clause, and the remedy."""
+    """Kinds of failed connections. Each value contains a short name, a clause, and the remedy."""
 
     UNKNOWN_NAME = (
         'unknown name',
@@ -73,8 +71,6 @@ class Refusal(Enum):
 
 
 class NoConnectionError(ConnectionError):
-    """The connection failed. The text is the reason, and `refusal` its kind."""
-
     def __init__(self, text: str, refusal: Refusal) -> None:
         super().__init__(text)
         self.refusal = refusal
@@ -84,16 +80,12 @@ class NoConnectionError(ConnectionError):
 class ReceivedTraffic:
     """The data received over one connection. Times are s on the monotonic clock."""
 
-    handshake: float = 0.0
-    """Duration of TCP's handshake, s."""
+    handshake: float = 0.0  # duration of TCP's handshake, s
     packets: list[tuple[float, Packet]] = field(default_factory=list)
-    unreadable: str = ''
-    """Error text for the first bytes that were no message, or ''."""
-    ended: str = ''
-    """Reason for the end of the connection, or '' while it is open."""
+    unreadable: str = ''  # error text for the first bytes that were no message
+    ended: str = ''  # reason for the end of the connection
     first_bytes: bytes = b''
-    lateness: float = 0.0
-    """Maximum delay of a timer in this process, s: the uncertainty of its times."""
+    lateness: float = 0.0  # maximum delay of a timer in this process, s: uncertainty of times
 
     @property
     def vanished(self) -> bool:
@@ -117,7 +109,6 @@ class Conversation:
         self._tasks = [asyncio.create_task(part) for part in (self._run(), self._ticks())]
 
     async def connected(self) -> None:
-        """Wait until the connection is established. Raises NoConnectionError if that fails."""
         await self._wait(lambda: self.link.connected or self.traffic.ended)
         if not self._established:
             raise NoConnectionError(self.traffic.ended, refusal_of(self.link.failure))
@@ -125,23 +116,23 @@ class Conversation:
     async def wait_for_traffic(
         self, enough: Callable[[ReceivedTraffic], object], seconds: float
     ) -> bool:
-        """Wait until `enough` is true of the traffic, at most `seconds`. Return whether it is."""
+        """Wait up to `seconds` until `enough` is true of the traffic.
+
+        Return whether it is true.
+        """
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 await self._wait(lambda: enough(self.traffic) or self.traffic.ended)
         return bool(enough(self.traffic))
 
     async def ended_within(self, seconds: float) -> bool:
-        """Wait up to `seconds`, and return whether the connection has ended."""
         return await self.wait_for_traffic(lambda traffic: traffic.ended, seconds)
 
     async def another_packet(self, timeout: float) -> bool:
-        """Wait for another packet, and return whether it has arrived in time."""
         count = len(self.traffic.packets)
         return await self.wait_for_traffic(lambda traffic: len(traffic.packets) > count, timeout)
 
     async def ask(self, message: Message, timeout: float) -> Packet | None:
-        """Send a request and return the next reply, or None if none arrives in time."""
         self._reply = reply = asyncio.get_running_loop().create_future()
         self.post(message)
         await self.wait_for_traffic(lambda traffic: reply.done(), timeout)
@@ -149,7 +140,6 @@ class Conversation:
         return reply.result() if reply.done() else None
 
     def post(self, message: Message) -> None:
-        """Send a request without waiting for its reply."""
         with contextlib.suppress(ConnectionError):  # `heard` has the reason
             self.link.post(message, lambda packet, _: self._take(packet))
 
@@ -161,7 +151,6 @@ class Conversation:
             self._record(WireEvent.OPENED, b'')
 
     async def close(self) -> None:
-        """Close the connection."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -191,10 +180,9 @@ class Conversation:
         self._established |= state is LinkState.CONNECTED
         if state is LinkState.BACKING_OFF and not self.traffic.ended:
             self.traffic.ended = why.removeprefix(f'{self.link.host}:{self.port}: ')
-        self._tell()
+        self._notify()
 
-    def _tell(self) -> None:
-        """Wake all who wait for a change."""
+    def _notify(self) -> None:
         self._news.set()
         self._news = asyncio.Event()
 
@@ -204,7 +192,7 @@ class Conversation:
         reply = self._reply
         if reply is not None and packet.comm_type is CommType.SERVICE_REPLY and not reply.done():
             reply.set_result(packet)
-        self._tell()
+        self._notify()
 
     def _record(self, event: WireEvent, data: bytes) -> None:
         now, traffic = time.time_ns(), self.traffic
@@ -234,8 +222,9 @@ async def opened(
     """Connect to a port. Raises NoConnectionError if that fails.
 
     A server may need REOPENED_S to open its port again after another client has left, so a refused
-    connection is retried. `sends`: whether the server sends without a request. If so, a connection
-    that it closes before it has sent anything is retried, too. `make`: creates the link.
+    connection is retried. `sends`: whether the server sends messages without a request. If it
+    does, a connection that it closes before the first message is retried, too. `make` creates the
+    link.
     """
     clock = asyncio.get_running_loop().time
     deadline = clock() + REOPENED_S
@@ -263,7 +252,6 @@ async def opened(
 async def conversation(
     host: str, port: int, *, sends: bool = False
 ) -> AsyncIterator[Conversation]:
-    """Connect to a port until the block ends. See `opened`."""
     made = await opened(host, port, sends=sends)
     try:
         yield made
@@ -272,7 +260,6 @@ async def conversation(
 
 
 def refusal_of(error: BaseException | None) -> Refusal:
-    """Return the kind of a failed connection. `error`: its exception, or None if it was closed."""
     if isinstance(error, socket.gaierror | UnicodeError):
         return Refusal.UNKNOWN_NAME
     number = error.errno if isinstance(error, OSError) else None

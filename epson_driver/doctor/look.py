@@ -31,10 +31,10 @@ STATE_PORTS = {
     11002: ('spel', 'simulated', 'generic', 'abb', 'fanuc'),
     50241: ('motoman',),
 }
-"""Profiles of controllers without Remote Ethernet, by their usual state port."""
+"""Usual state port → profiles of controllers that have no Remote Ethernet."""
 
 WITH_REMOTE = ('spel', 'rc700a')
-"""Profiles of controllers with Remote Ethernet and a program."""
+"""Profiles of controllers that have Remote Ethernet and a program."""
 
 TIMEOUT_S = 3.0
 ENOUGH_PACKETS = 60
@@ -47,12 +47,9 @@ NOTHING_LISTENS = (
 
 @dataclass
 class Look:
-    """The services that answer at an address, with the profile and the model that fit.
+    """The services that answer at an address.
 
-    * profile, model: names, or '' if unknown.
-    * why: the reason for the profile.
-    * simulated: whether the controller reports that it is simulated.
-    * answers: a clause on the service at each port.
+    The profile and the model are those that fit, or ''.
     """
 
     host: str
@@ -60,18 +57,20 @@ class Look:
     state_port: int = 0
     profile: str = ''
     model: str = ''
-    why: str = ''
+    why: str = ''  # the reason for the profile
     simulated: bool = False
-    answers: dict[int, str] = field(default_factory=dict)
+    answers: dict[int, str] = field(default_factory=dict)  # a clause on the service at each port
     refusals: list[Refusal] = field(default_factory=list)
-    trouble: tuple[str, str] = ('', '')
-    """Error text of the remote port and its remedy, or two empty texts."""
+    trouble: tuple[str, str] = ('', '')  # error text of the remote port, and its remedy
 
 
 async def look_at(
     host: str, password: str = '', remote_port: int | None = None, state_port: int | None = None
 ) -> Look:
-    """Identify a controller from its ports. A port of None is the default port, 0 is not used."""
+    """Identify a controller from its ports.
+
+    A port of None means the default port, and 0 means that the port is not used.
+    """
     look = Look(host, REMOTE_PORT if remote_port is None else remote_port)
     states = STATE_PORTS if state_port is None else {state_port: STATE_PORTS[11002]}
     listeners = asyncio.gather(*(_listen(look, port) for port in states if port))
@@ -92,10 +91,9 @@ async def look_at(
 
 
 async def _ask_remote(look: Look, password: str) -> str | None:
-    """Query the remote port, and note its answer in `look`.
+    """Return the profile that a simulated controller reports.
 
-    Return the profile that a simulated controller reports, '' for a real one, or None if there is
-    no answer.
+    Return '' for a real controller, and None without an answer.
     """
     port = look.remote_port
     if not port:
@@ -105,7 +103,10 @@ async def _ask_remote(look: Look, password: str) -> str | None:
             controller, robot, simulated = await ask_identity(ask)
     except RemoteError as error:
         look.answers[port] = f'Remote Ethernet: {error.meaning}'
-        look.trouble = look.answers[port], 'give the password of RC+: --password'
+        look.trouble = (
+            look.answers[port],
+            'name a variable with the password of RC+: --password-variable',
+        )
         return None
     except HungUpError as error:
         look.answers[port] = f'{error}, so another client may be connected'
@@ -125,7 +126,6 @@ async def _ask_remote(look: Look, password: str) -> str | None:
 
 
 async def _listen(look: Look, port: int) -> ReceivedTraffic | None:
-    """Return the traffic of a state port, or None if no joint states arrive."""
     try:
         async with conversation(look.host, port, sends=True) as state:
             await state.wait_for_traffic(lambda it: len(it.packets) >= ENOUGH_PACKETS, TIMEOUT_S)
@@ -141,13 +141,11 @@ async def _listen(look: Look, port: int) -> ReceivedTraffic | None:
 
 
 def _nearest(traffic: ReceivedTraffic, names: tuple[str, ...]) -> str:
-    """Return the profile that differs least from the traffic, the first one of several."""
     facts = state_facts(traffic)
     return min(names, key=lambda name: len(differences(facts, load_controller_profile(name))))
 
 
-def tell_look(look: Look, findings: Findings) -> bool:
-    """Report the identified controller. Returns whether there is one to check."""
+def report_look(look: Look, findings: Findings) -> bool:
     ports = ', '.join(f'port {port}: {answer}' for port, answer in sorted(look.answers.items()))
     if not look.profile:
         if look.trouble[0]:

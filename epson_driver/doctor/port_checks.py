@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Identification of a port that is not a state port, from its protocol."""
+"""Identifies the protocol of a port that sends no robot states."""
 
 import asyncio
 from collections import Counter
@@ -15,31 +15,25 @@ from epson_driver.doctor.listening import (
 from epson_driver.doctor.state_facts import is_joints
 from epson_driver.simple_message import Status
 
-ABOUT = 'state port'
+CHECK_CABLE = (
+    'check whether the controller is off, its program has ended or is stuck, or a cable is '
+    'unplugged'
+)
 
 OTHER_PORT_S = 1.5
-"""Time to listen to the motion port when the state port is silent, s."""
 
 FELL_SILENT_S = 1.0
-"""Silence after which a port that had sent data counts as silent, s."""
 
 
-def tell_refusal(where: str, error: NoConnectionError, findings: Findings) -> None:
-    """Report why the state port could not be opened."""
-    _, text, remedy = error.refusal.value
-    findings.wrong(ABOUT, f'{where}: {text} ({error})', remedy)
-
-
-async def tell_of_no_state(
+async def report_no_state(
     state: Conversation,
     listened: float,
     motion: tuple[str, int],
     findings: Findings,
 ) -> bool:
-    """Return whether a port is not a state port. If so, report what it is instead.
+    """Return whether a port is not a state port. If so, report its actual service.
 
-    `listened`: duration of listening, s. `motion`: host and port of the motion port, which is
-    checked if the state port is silent.
+    `listened`: duration of listening, s. `motion`: host and port of the motion port.
     """
     received = state.traffic
     if received.unreadable:
@@ -48,12 +42,10 @@ async def tell_of_no_state(
         remedy = 'check address and port: 11002 is usual, 50241 Motoman'
     elif received.vanished:
         text = f'half-open: the connection is up, but the machine is gone ({received.ended})'
-        remedy = 'check whether a cable is unplugged, and whether the controller is on'
+        remedy = CHECK_CABLE
     elif received.ended and not received.packets:
         text = f'{received.ended} after {listened:.1f} s, without a message'
-        remedy = (
-            'check whether the controller is off, its program has ended, or a cable is unplugged'
-        )
+        remedy = CHECK_CABLE
     elif not received.packets:
         text, remedy = await _why_silent(state, listened, motion)
     elif not any(
@@ -65,7 +57,7 @@ async def tell_of_no_state(
         remedy = 'it is another port of a controller: 11002 is the usual state port, 50241 Motoman'
     else:
         return False
-    findings.wrong(ABOUT, text, remedy)
+    findings.wrong('state port', text, remedy)
     return True
 
 
@@ -86,7 +78,6 @@ async def _why_silent(
 
 
 async def _sends_state(host: str, port: int) -> bool:
-    """Return whether a port sends joint states without a request."""
     try:
         async with conversation(host, port) as other:
             return await other.wait_for_traffic(has_joints, OTHER_PORT_S)
@@ -95,10 +86,8 @@ async def _sends_state(host: str, port: int) -> bool:
 
 
 def has_joints(traffic: ReceivedTraffic) -> bool:
-    """Return whether a joint state was received."""
     return any(is_joints(item) for _, item in traffic.packets)
 
 
 def silence(traffic: ReceivedTraffic) -> float:
-    """Return the time since the last message, s."""
     return asyncio.get_running_loop().time() - traffic.packets[-1][0]

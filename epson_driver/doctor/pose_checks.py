@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks that the robot model fits the arm: signs and order of the joints, and tool0.
 
-A person jogs each joint a little at the pendant, and reads X Y Z U V W there. Nothing is sent.
+A person jogs each joint a little with the pendant, and types the X Y Z U V W that the pendant
+displays. Nothing is sent to the controller.
 """
 
 import asyncio
@@ -21,14 +22,16 @@ from epson_driver.robots.kinematics import Kinematics
 MIN_JOG = 0.004
 """Minimum motion of a jogged joint, rad or m: a quarter of a degree, 4 mm."""
 
-OTHERS_SHARE = 0.2
-"""Maximum motion of another joint, as a fraction of the jogged joint's. Axes may be coupled."""
+MAX_OTHERS_FRACTION = 0.2
+"""Maximum motion of the other joints, as a fraction of the jogged joint's motion.
+
+It is not 0, because axes may be coupled.
+"""
 
 POSITION_TOLERANCE_M = 0.001
 ANGLE_TOLERANCE_RAD = math.radians(0.2)
 
 Ask = Callable[[str], Awaitable[str]]
-"""Shows a sentence to a person and returns the typed answer."""
 
 NEXT_STATE_TIMEOUT_S = 2.0
 
@@ -38,7 +41,6 @@ NO_JOINTS = 'no joint states with finite numbers received'
 async def check_joints(
     state: Conversation, model: RobotModel, ask: Ask, findings: Findings
 ) -> None:
-    """Ask for a jog of each joint, and check which value changes and in which direction."""
     names = model.joint_names
     for index, name in enumerate(names):
         before = await _standing(state, len(names))
@@ -67,7 +69,7 @@ def _judge_jog(index: int, name: str, moved: Array, findings: Findings) -> None:
     elif largest != index:
         text = f'{name} did not move, but number {largest + 1} did'
         findings.wrong(about, text, 'put joint_names into the order of the controller')
-    elif others.max(initial=0.0) > OTHERS_SHARE * abs(moved[index]):
+    elif others.max(initial=0.0) > MAX_OTHERS_FRACTION * abs(moved[index]):
         number = int(np.argmax(np.where(np.arange(len(moved)) == index, 0.0, np.abs(moved)))) + 1
         text = f'number {number} moved too'
         remedy = 'jog one joint in joint mode. If you did, axes are coupled: set joint_coupling'
@@ -80,7 +82,6 @@ def _judge_jog(index: int, name: str, moved: Array, findings: Findings) -> None:
 
 
 async def check_tool(state: Conversation, model: RobotModel, ask: Ask, findings: Findings) -> None:
-    """Compare the pendant's X Y Z U V W with the model's forward kinematics."""
     message = await ask(
         'X Y Z U V W on the pendant for Tool 0, Local 0, in mm and degrees (Enter: skip): '
     )
@@ -120,7 +121,6 @@ def _wrapped(angles: Array) -> Array:
 
 
 async def _standing(state: Conversation, joints: int) -> Array | None:
-    """Return the current joints, or None if no state arrives or its values are not finite."""
     if not await state.another_packet(NEXT_STATE_TIMEOUT_S):
         return None
     await asyncio.sleep(0.2)  # a joint state, not only a STATUS, has arrived by this time

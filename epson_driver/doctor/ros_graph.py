@@ -3,7 +3,7 @@
 """Lists the drivers and the MoveIt of this ROS domain, as a separate process of the doctor.
 
 Prints JSON. `moveit`: the joints of the robot in a running move_group, or null without one.
-`drivers`: the values that each driver publishes on its arm in /diagnostics.
+`drivers`: the values that each driver publishes about its arm in /diagnostics.
 """
 
 import json
@@ -22,11 +22,9 @@ from epson_driver.node.ros_process import udp_by_default
 MOVABLE = ('revolute', 'continuous', 'prismatic')
 
 ARM = ': arm'
-"""Suffix of the name of an arm's status in /diagnostics."""
 
 
 def main() -> int:
-    """Listen for as many seconds as the first argument says, and print the result."""
     timeout = float(sys.argv[1]) if len(sys.argv) > 1 else 3.0
     with udp_by_default():
         rclpy.init()
@@ -80,7 +78,7 @@ def _joints(node: Any, executor: Any) -> list[str] | None:
 
 
 def joints_of(description: str) -> list[str]:
-    """Return the movable joints of a URDF, without joints that mimic others."""
+    """Return the movable joints of a URDF, except joints that mimic other joints."""
     try:
         root = ElementTree.fromstring(description)  # noqa: S314 - expat expands no entity bombs
     except ElementTree.ParseError:

@@ -20,24 +20,22 @@ from epson_driver.simple_message import (
 )
 
 Facts = dict[str, object]
-"""Values by the keys of a controller profile."""
 
 MIN_JOINTS = 20
 MIN_STATUSES = 3
-"""Minimum number of joint states and of STATUS messages for deriving facts."""
 
-TOGETHER_SHARE = 0.3
+SAME_CYCLE_FRACTION = 0.3
 """A STATUS up to this fraction of a period after a joint state belongs to the same cycle."""
 
-UNEVEN_SHARE = 0.25
-"""Maximum uncertainty of a measured period, as a fraction of it. A worse period is omitted."""
+MAX_UNCERTAINTY_FRACTION = 0.25
+"""Maximum uncertainty of a measured period, as a fraction of the period.
+
+A period with a larger uncertainty is omitted.
+"""
 
 
 def state_facts(traffic: ReceivedTraffic) -> Facts:
-    """Return the facts that are certain from the received messages, by key.
-
-    At least one message is required.
-    """
+    """Return the facts that are certain from one or more received messages."""
     facts: Facts = {}
     packets = traffic.packets
     order = packets[0][1].dialect.byte_order
@@ -59,7 +57,6 @@ def state_facts(traffic: ReceivedTraffic) -> Facts:
 
 
 def is_joints(packet: Packet) -> bool:
-    """Return whether a packet contains joint positions."""
     return isinstance(packet.message, JointPosition | JointFeedback)
 
 
@@ -74,7 +71,6 @@ def latest_joints(traffic: ReceivedTraffic) -> tuple[float, ...] | None:
 
 
 def latest_status(traffic: ReceivedTraffic) -> Status | None:
-    """Return the STATUS received last, or None."""
     for _, packet in reversed(traffic.packets):
         if isinstance(packet.message, Status):
             return packet.message
@@ -82,12 +78,9 @@ def latest_status(traffic: ReceivedTraffic) -> Status | None:
 
 
 class Measured(float):
-    """A value and its uncertainty."""
-
     uncertainty: float
 
     def __new__(cls, value: float, uncertainty: float = 0.0) -> Self:
-        """Return the value with its uncertainty, in the same unit."""
         made = super().__new__(cls, value)
         made.uncertainty = uncertainty
         return made
@@ -97,8 +90,8 @@ def rhythm(times: Sequence[float], lateness: float = 0.0) -> Measured | None:
     """Return the period of messages from their arrival times, s, or None if there are too few.
 
     It is the median time from message i to message i + n/2, divided by n/2. Bursts and single gaps
-    do not change it, because TCP delays messages but loses none. `lateness`: uncertainty of each
-    time, s.
+    do not change this median, because TCP delays messages but loses none. `lateness`: uncertainty
+    of each time, s.
     """
     half = len(times) // 2
     if half < MIN_JOINTS // 2:
@@ -110,10 +103,11 @@ def rhythm(times: Sequence[float], lateness: float = 0.0) -> Measured | None:
 
 
 def _rhythm(traffic: ReceivedTraffic) -> Facts:
-    """Return the facts on timing: the period of the state task, and the joint states per STATUS.
+    """Return the facts about timing.
 
-    A STATUS is sent together with a joint state, or in a cycle without one. Facts that bursts or
-    this machine's lateness leave uncertain are omitted.
+    They are the period of the state task, and the number of joint states per STATUS. A STATUS is
+    sent together with a joint state, or in a cycle without a joint state. Facts that are uncertain
+    because of bursts or because of this machine's lateness are omitted.
     """
     kinds = [(time, is_joints(packet)) for time, packet in traffic.packets]
     at_status = [index for index, (_, joints) in enumerate(kinds) if not joints]
@@ -122,10 +116,10 @@ def _rhythm(traffic: ReceivedTraffic) -> Facts:
     if fraction < 1 or result is None or result <= 0.0:
         return {}
     after = [kinds[i][0] - kinds[i - 1][0] for i in at_status if i and kinds[i - 1][1]]
-    margin = statistics.fmean(after) - TOGETHER_SHARE * result
+    margin = statistics.fmean(after) - SAME_CYCLE_FRACTION * result
     doubt = 3.0 * statistics.pstdev(after) / len(after) ** 0.5
     facts: Facts = {'state.joint_positions_per_status': fraction}
-    if abs(margin) > doubt and result.uncertainty < UNEVEN_SHARE * result:
+    if abs(margin) > doubt and result.uncertainty < MAX_UNCERTAINTY_FRACTION * result:
         together = margin < 0.0
         slots = fraction if together else fraction + 1
         facts['state.period'] = Measured(result * fraction / slots, result.uncertainty)

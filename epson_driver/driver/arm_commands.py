@@ -22,15 +22,12 @@ from epson_driver.driver.stopping.motors import Action, MotorsError
 from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.simple_message import Status, TriState
 
-ANSWER_TIMEOUT_S = 2.0
-"""Maximum time for each step of a command, s."""
+ANSWER_TIMEOUT_S = 2.0  # maximum time for each step of a command, s
 
 STOPPED = 'stopped on request'
 
 
 class CommandError(RuntimeError):
-    """Raised if a command fails. The text contains the reason."""
-
     def __init__(self, text: str, remedy: Remedy = Remedy.NONE) -> None:
         super().__init__(text)
         self.remedy = remedy
@@ -44,7 +41,6 @@ class ArmCommands:
     """Commands for the arm. Each returns a sentence with the result, or raises CommandError.
 
     `all_received` waits until the driver has received all goals that clients have already sent.
-    The default does not wait, which is enough if all clients submit goals directly.
     """
 
     def __init__(
@@ -53,17 +49,14 @@ class ArmCommands:
         self._driver = driver
         self._all_received = all_received
         self._enable_lock = asyncio.Lock()
-        self._disabling = 0
-        """Number of calls of `disable` in progress."""
-        self._disabled = 0
-        """Number of calls of `disable` so far."""
+        self._disabling = 0  # number of calls of `disable` in progress
+        self._disabled = 0  # number of calls of `disable` so far
 
     async def stop(self) -> str:
         """Stop the arm, abort the running goal, and return when the arm is at rest.
 
         Goals that arrive during the call are also aborted, because they may have been sent before
-        it. Raises CommandError and disables the arm if the controller does not acknowledge STOP,
-        or if the robot state does not show that the arm is at rest.
+        the call. The arm is disabled if the controller does not confirm the stop.
         """
         with self._driver.goal_queue.stopping(f'{STOPPED} before it could start'):
             try:
@@ -94,11 +87,7 @@ class ArmCommands:
         return message
 
     async def enable(self) -> str:
-        """Enable the arm, after switching the motors on if the driver can do that.
-
-        The motors are checked in the next STATUS, because the last one may be outdated. Raises
-        CommandError if the arm cannot be enabled, or if it must be disabled during the call.
-        """
+        """Enable the arm, after switching the motors on if the driver can do that."""
         self._check(Purpose.COMMAND)
         if self._disabling:
             raise CommandError('the arm is still being disabled', Remedy.ENABLE)
@@ -127,9 +116,9 @@ class ArmCommands:
     async def _enable(self, request: EnableRequest) -> str:
         driver = self._driver
         async with self._enable_lock:
-            if (remaining := driver.namesakes_known - _now()) > 0.0:
+            if (remaining := driver.second_driver_known - _now()) > 0.0:
                 await asyncio.sleep(remaining)
-            driver.check_namesakes()
+            driver.check_second_driver()
             request.motors_on = driver.busy
             driver.heartbeat.repeat_request()
             start = _now()
@@ -138,8 +127,9 @@ class ArmCommands:
             )
             self._check(Purpose.ENABLE)
             await self._wait_for_first_stop()
-            if driver.stopper.delivery.keeps_points:  # it would execute them with the motors on
+            if driver.stopper.delivery.keeps_points:  # the controller would now execute them
                 await self._clear_motion()
+            driver.stopper.enabling()
             closed = driver.gate.reason is not None
             restarts = driver.motors.restarts and (closed or driver.robot.main_ended)
             if status.drives_powered == TriState.FALSE or (
@@ -163,7 +153,7 @@ class ArmCommands:
             robot = driver.robot
             fresh = wait_for_fresh_state(robot.why_not_ready, driver.changed, ANSWER_TIMEOUT_S)
             self._check(Purpose.OPEN, await fresh)
-            driver.check_namesakes()  # again, immediately before the gate opens
+            driver.check_second_driver()  # again, immediately before the gate opens
             if closed:
                 robot.enabled()
                 driver.stopper.enabled()
@@ -177,7 +167,7 @@ class ArmCommands:
             return 'the arm is enabled' + ('' if inhibit is None else f', but {inhibit.text}')
 
     async def _wait_for_first_stop(self) -> None:
-        """Wait until STOP was sent, if it must be the first message of a motion connection."""
+        """Wait until STOP has been sent, if a new motion connection must start with it."""
         if self._driver.stop_due:
             await self._wait_for_status(
                 lambda _: not self._driver.stop_due,
@@ -197,11 +187,7 @@ class ArmCommands:
             raise CommandError(f'after the last motion {stopper.doubt}, {stopper.arm_state}')
 
     async def disable(self) -> str:
-        """Disable and stop the arm, and switch the motors off if the driver can do that.
-
-        Raises CommandError if the robot state does not show that the arm is at rest, or if
-        switching the motors off fails. The arm is disabled even then.
-        """
+        """Disable and stop the arm in any case, and switch the motors off if possible."""
         driver = self._driver
         driver.disable(DISABLED)
         self._disabling += 1
@@ -222,7 +208,7 @@ class ArmCommands:
         return text
 
     async def _bring_to_rest(self) -> str:
-        """Stop the arm. Return why the stop is not confirmed, as text, or '' if it is."""
+        """Stop the arm. Return the reason why the stop is not confirmed, or '' if it is."""
         goals, stopper = self._driver.goal_queue, self._driver.stopper
         if goals.busy:
             await goals.stop(DISABLED, ANSWER_TIMEOUT_S)
@@ -235,7 +221,6 @@ class ArmCommands:
         return f'{stopper.doubt}: {stopper.arm_state}'
 
     async def _motors_off(self) -> tuple[bool, str]:
-        """Switch the motors off. Return whether this succeeded, and the result as text."""
         driver = self._driver
         try:
             await driver.motors.act(Action.MOTORS_OFF, ANSWER_TIMEOUT_S)
@@ -261,19 +246,14 @@ class ArmCommands:
         return True, ' and the motors are off'
 
     async def reset_error(self) -> str:
-        """Reset the controller's error.
-
-        If the reset also stops the controller's program, an enabled arm is disabled first.
-        Enabling the arm restarts the program. Raises CommandError if the reset fails, or if no
-        STATUS confirms it.
-        """
+        """Reset the controller's error. If that stops its program, disable the arm first."""
         await self._wait_for_first_stop()
         if self._driver.motors.restarts:
             self._driver.fault('disabled by the reset, which stops the program')
         try:
             status = self._driver.robot.status
             moves = status is not None and status.in_motion == TriState.TRUE
-            if moves and self._driver.gate.reason is not None:  # it still brakes
+            if moves and self._driver.gate.reason is not None:  # the arm still brakes
                 await self._wait_for_status(
                     lambda status: status.in_motion != TriState.TRUE, 'the arm is still moving'
                 )
@@ -293,13 +273,12 @@ class ArmCommands:
             lambda status: TriState.TRUE not in (status.in_error, status.e_stopped),
             'the controller accepted the reset, but STATUS still shows an error or E-stop',
         )
+        if self._driver.gate.reason is None:
+            return 'the controller was reset, the arm stays enabled'
         return 'the controller was reset, the arm stays disabled until it is enabled'
 
     async def recover(self) -> str:
-        """Reset the controller's error and enable the arm.
-
-        Raises CommandError if one of these fails, or if `disable` is called during the reset.
-        """
+        """Reset the error and enable the arm, unless `disable` is called during the reset."""
         before = self._disabled
         await self.reset_error()
         if self._disabled != before:
@@ -310,13 +289,11 @@ class ArmCommands:
         return await self.enable()
 
     def _check(self, purpose: Purpose, now: float | None = None) -> None:
-        """Raise CommandError if anything inhibits `purpose` at `now` (loop time, s; None: now)."""
         inhibit = self._driver.why_not(purpose, _now() if now is None else now)
         if inhibit is not None:
             raise _inhibited(inhibit)
 
     async def _check_why_motors_off(self, status: Status) -> None:
-        """Raise CommandError if the motors are off and the controller reports why."""
         errors = self._driver.robot.errors
         inhibit = status_inhibit(status, errors)
         if inhibit is None or inhibit.cause is not Cause.MOTORS_OFF:
@@ -327,7 +304,6 @@ class ArmCommands:
             raise _inhibited(inhibit)
 
     async def _act(self, action: Action) -> None:
-        """Execute an action on the controller. Raises CommandError if it fails."""
         try:
             await self._driver.motors.act(action, ANSWER_TIMEOUT_S)
         except MotorsError as error:
@@ -335,7 +311,6 @@ class ArmCommands:
         self._driver.gate.refusal = None
 
     def _refused(self, action: Action, error: MotorsError) -> CommandError:
-        """Return the error for a failed action, with the cause from STATUS or else `error`."""
         robot, inhibit = self._driver.robot, None
         if error.status is not None:
             inhibit = refusal_inhibit(*error.status, robot.errors)
@@ -346,10 +321,6 @@ class ArmCommands:
         return _inhibited(inhibit)
 
     async def _wait_for_status(self, condition: Callable[[Status], bool], failure: str) -> Status:
-        """Return the first status for which `condition` is true.
-
-        Raises CommandError with the text `failure` if there is none within ANSWER_TIMEOUT_S.
-        """
         robot = self._driver.robot
         try:
             async with asyncio.timeout(ANSWER_TIMEOUT_S):

@@ -9,6 +9,7 @@ from functools import partial
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery import Delivery, DeliveryRules
 from epson_driver.driver.delivery.download import Download
+from epson_driver.driver.delivery.real_time import RealTimeDelivery
 from epson_driver.driver.delivery.statements import StatementDelivery
 from epson_driver.driver.delivery.streaming import FullStreaming, MotomanDelivery, Streaming
 from epson_driver.driver.io.io_client import Io, make_io
@@ -19,18 +20,19 @@ from epson_driver.driver.stopping.motors import (
     MotorsKind,
     RemoteEthernetMotors,
     RestartingMotors,
+    RtmcMotors,
     SerializedMotors,
 )
 from epson_driver.link import Link, LinkState
 from epson_driver.link.remote_link import RemoteLink
+from epson_driver.link.rtmc_link import RtmcLink
 from epson_driver.remote_ethernet.client import Login, RemoteTurns
-from epson_driver.simple_message import Dialect, Packet
+from epson_driver.rtmc.transport import connect
+from epson_driver.simple_message import CommType, Dialect, Packet
 
 
 @dataclass(frozen=True)
 class Channel:
-    """The links to a controller, and the objects that use them."""
-
     state_link: Link
     motion_link: Link
     delivery: Delivery
@@ -44,7 +46,6 @@ class Channel:
 
     @property
     def all_links(self) -> list[Link]:
-        """All links, including the I/O link if it exists."""
         return [*self.links, *([] if self.io.link is None else [self.io.link])]
 
 
@@ -60,12 +61,7 @@ def make_channel(
     on_link: OnLink,
     before_motion_link: Callable[[], Awaitable[object]],
 ) -> Channel:
-    """Return the links to the configured controller, and the objects that use them.
-
-    `on_state_packet` and `on_motion_packet` are called with the messages of these links that are
-    not replies to pending requests. `before_motion_link` is awaited before the motion link
-    connects.
-    """
+    """Return the links to the configured controller, and the objects that use them."""
     host, ports = configuration.host, (configuration.io_port, configuration.remote_port)
     turns = RemoteTurns()
     login: Login | None = None
@@ -83,6 +79,25 @@ def make_channel(
             timeout=configuration.state_timeout,
         )
         login = remote.session
+    elif configuration.real_time:
+
+        def on_packet(packet: Packet) -> None:
+            topic = packet.comm_type is CommType.TOPIC
+            (on_state_packet if topic else on_motion_packet)(packet)
+
+        state = motion = RtmcLink(
+            host,
+            configuration.motion_port,
+            configuration.limits,
+            configuration.model,
+            on_packet=on_packet,
+            on_state=partial(on_link, 'rtmc'),
+            password=configuration.password,
+            cycle=configuration.cycle,
+            period=configuration.state_period,
+            timeout=configuration.state_timeout,
+            connect=connect,
+        )
     else:
         state = Link(
             'state',
@@ -120,6 +135,7 @@ def make_channel(
             timeout=configuration.io_timeout,
             turns=turns,
             login=login,
+            motion_link=motion,
         ),
     )
 
@@ -127,6 +143,8 @@ def make_channel(
 def _delivery(rules: DeliveryRules) -> type[Delivery]:
     if rules.interface == 'statements':
         return StatementDelivery
+    if rules.interface == 'rtmc':
+        return RealTimeDelivery
     if rules.interface == 'download':
         return Download
     if rules.motoman:
@@ -142,13 +160,14 @@ def make_motors(
     turns: RemoteTurns | None = None,
     login: Login | None = None,
 ) -> Motors:
-    """Return the object that switches the motors.
+    """Return the object that switches the motors and resets errors.
 
-    `remote_port`: port of Remote Ethernet, or 0. `turns`: gives one user at a time access to this
-    port. `login`: opens a shared session on this port; None: each action logs in separately.
+    `login`: opens a shared session on the remote port. None: each action logs in separately.
     """
     if kind == 'motoman':
         return MotomanMotors(motion_link)
+    if isinstance(motion_link, RtmcLink):
+        return RtmcMotors(motion_link)
     if kind == 'none':
         return MotorsByHand('the controller does not support this command')
     if not remote_port:

@@ -22,47 +22,40 @@ USUAL_IO = IoProfile()
 
 @dataclass(frozen=True)
 class Configuration:
-    """Address and properties of the controller. An I/O or remote port of 0 is not used.
-
-    * `byte_order`: of all messages; None: `usual_byte_order` until a message shows another.
-    * `errors`: texts of error numbers; None: EPSON's.
-    * `delivery`: how trajectories are sent.
-    * `mapping`: conversion of joint values; None: the controller uses the ROS convention.
-    * `io`: I/O points and how to access them.
-    * `motors`: how motors are switched and errors reset.
-    * `state_period`: initial estimate of the time between two state messages, s.
-    * `margins`: tolerances for reported joints beyond `limits`.
-    * `configured_as`: controller and robot model, for texts.
-    * `client_timeout`: the controller stops the arm if the driver sends nothing for this time, s;
-      0: it does not.
-    * `password`: for Remote Ethernet, if the controller runs no program.
-    """
+    """Address and properties of the controller. An I/O or remote port of 0 is not used."""
 
     host: str
     motion_port: int
     state_port: int
     remote_port: int
-    byte_order: ByteOrder | None
+    byte_order: ByteOrder | None  # None: `usual_byte_order` until a message shows another
     state_timeout: float
     limits: JointLimits
     smoothing: Smoothing = NO_SMOOTHING
-    errors: ErrorTexts | None = None
-    delivery: DeliveryRules = STREAMING
-    mapping: JointMapping | None = None
+    errors: ErrorTexts | None = None  # texts of error numbers; None: EPSON's
+    delivery: DeliveryRules = STREAMING  # how trajectories are sent
+    mapping: JointMapping | None = None  # None: the controller uses the ROS convention
     usual_byte_order: ByteOrder = ByteOrder.LITTLE
     io_port: int = 0
     io_timeout: float = 1.0
-    io: IoProfile = USUAL_IO
-    motors: MotorsKind = 'remote_ethernet'
-    state_period: float = 0.005
-    margins: Margins = DEFAULT_MARGINS
-    configured_as: str = ''
-    client_timeout: float = 0.0
-    password: str = ''
+    io: IoProfile = USUAL_IO  # I/O points and how to access them
+    motors: MotorsKind = 'remote_ethernet'  # how motors are switched and errors reset
+    state_period: float = 0.005  # initial estimate of the time between two state messages, s
+    margins: Margins = DEFAULT_MARGINS  # tolerances for reported joints beyond `limits`
+    configured_as: str = ''  # controller and robot model, for texts
+    client_timeout: float = 0.0  # silence after which the controller stops the arm, s; 0: none
+    password: str = ''  # for Remote Ethernet or Real-time Motion Control, without a program
+    model: str = ''  # name of the robot model, which Real-time Motion Control checks
+    cycle: float = 0.002  # time between two targets of Real-time Motion Control, s
 
     def __post_init__(self) -> None:
         if self.statements and not self.remote_port:
             raise ValueError('remote_port = 0: this controller has no other interface')
+        if self.real_time and not self.joint_mapping.identity:
+            raise ValueError(
+                'parameters joint_signs, joint_offsets, j23_factor: EPSON controllers use the '
+                'convention of ROS'
+            )
 
     @property
     def statements(self) -> bool:
@@ -70,23 +63,29 @@ class Configuration:
         return self.delivery.interface == 'statements'
 
     @property
+    def real_time(self) -> bool:
+        """Whether Real-time Motion Control is used, at `motion_port`."""
+        return self.delivery.interface == 'rtmc'
+
+    @property
     def knows_byte_order(self) -> bool:
-        """Whether the byte order is configured, or not needed because messages are text."""
-        return self.statements or self.byte_order is not None
+        """Whether the byte order is configured, or not needed for the protocol."""
+        return self.statements or self.real_time or self.byte_order is not None
 
     @property
     def joint_mapping(self) -> JointMapping:
-        """The configured joint mapping, or the identity."""
         return self.mapping or unmapped(len(self.limits.names))
 
     @property
     def state_rules(self) -> StateRules:
-        """Rules for the controller's state messages."""
         return StateRules(
-            self.state_period, self.limits, self.margins, self.state_timeout, self.statements
+            self.state_period,
+            self.limits,
+            self.margins,
+            self.state_timeout,
+            on_request=self.statements or self.real_time,
         )
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port of the server that moves the arm."""
         return self.host, self.remote_port if self.statements else self.motion_port

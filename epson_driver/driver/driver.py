@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The driver without ROS: links, robot state, arm gate, goals and setpoint streams.
 
-All code runs in the thread of one event loop. Its owner, for example the ROS node, calls it with
-`call_soon_threadsafe`, and is notified through `DriverEvents`.
+All of this code runs in the thread of one event loop. The driver's owner, for example the ROS
+node, calls it with `call_soon_threadsafe`, and is notified through `DriverEvents`.
 """
 
 import asyncio
@@ -45,12 +45,11 @@ from epson_driver.simple_message import (
 from epson_driver.trace import Trace
 from epson_driver.trace.trace import END_TIMEOUT_S
 
-SHUT_DOWN_TIMEOUT_S = 0.5
-"""Maximum time for stopping the arm before the driver ends, s."""
+SHUT_DOWN_TIMEOUT_S = 0.5  # maximum time for stopping the arm before the driver ends, s
 
 MAX_MIXED_POSITIONS = 2
-"""Maximum number of JOINT_POSITION messages ignored between two JOINT_FEEDBACK messages, because a
-controller that sends both repeats the same positions. Any further ones are used."""
+"""Maximum number of JOINT_POSITION messages that are ignored between two JOINT_FEEDBACK messages.
+A controller that sends both types repeats the same positions. Further messages are used."""
 
 WORST_FIRST = (
     LinkState.DISCONNECTED,
@@ -58,27 +57,23 @@ WORST_FIRST = (
     LinkState.CONNECTING,
     LinkState.CONNECTED,
 )
-"""Link states, the worst first. The combined state of all links is the worst of their states."""
+"""Link states, the worst state first. The combined state of all links is their worst state."""
 
 _log = logging.getLogger(__name__)
 
 
 class DriverEvents(Protocol):
-    """Callbacks to the driver's owner, in the thread of the event loop."""
-
     def on_joints(self, sample: JointSample) -> None:
         """Called with each new joint state."""
 
     def on_status(self, status: Status) -> None:
-        """Called with each new status, or with an unknown one if no STATUS arrives."""
+        """Called with each new status. If no STATUS arrives, the status is unknown."""
 
     def on_link_state(self, name: str, why: str) -> None:
         """Called with each new combined state of the links (`name`) and the reason (`why`)."""
 
 
 class Driver:
-    """Drives one controller while `run` runs."""
-
     def __init__(
         self, configuration: Configuration, events: DriverEvents, settings: GoalSettings
     ) -> None:
@@ -87,13 +82,13 @@ class Driver:
         self.gate = ArmGate()
         self.changed = changed = Notification()
         """Notified when a status or a reply to STOP has arrived, or a goal or stop has ended."""
-        self.namesakes: Callable[[], str] = str
-        """Returns a description of other processes with the same ROS names, or ''. They also
-        receive the requests for this driver."""
-        self.namesakes_known = 0.0
-        """Loop time by which such processes are discovered, s. The arm is not enabled earlier."""
-        self.stop_due = False
-        """True while STOP must still be sent before any point on a new motion connection."""
+        self.second_driver: Callable[[], str] = str
+        """Function that describes other processes with the same ROS names, or returns ''. Such
+        processes also receive the requests for this driver."""
+        self.second_driver_known = 0.0
+        """Loop time at which all such processes have been discovered, s. The arm is not enabled
+        earlier."""
+        self.stop_due = False  # STOP must be the first message of the new motion connection
         channel = make_channel(
             configuration,
             self._on_state_packet,
@@ -116,16 +111,22 @@ class Driver:
         )
         beat = self.heartbeat.before_point
         self.stopper = stopper = Stopper(
-            delivery, robot, changed, self.motors, self._on_alarm, self._on_rest, beat
+            delivery,
+            robot,
+            changed,
+            self.motors,
+            self._on_alarm,
+            self._on_rest,
+            beat,
         )
-        ask, end = self.why_not, self._on_broken_off
-        self.goal_queue = goals = GoalQueue(
+        self.why_not = ask = InhibitTable(
+            channel, robot, self.gate, stopper, timeout, self._connects_later
+        )
+        end = self._on_broken_off
+        ask.goals = self.goal_queue = goals = GoalQueue(
             configuration, robot, ask, stopper, settings, changed, end
         )
-        self.servo = Servo(limits, robot, ask, stopper, goals, end)
-        self._why_not = InhibitTable(
-            channel, robot, self.gate, stopper, goals, self.servo, timeout, self._connects_later
-        )
+        ask.servo = self.servo = Servo(limits, robot, ask, stopper, goals, end)
         self._joints_missing = ReceiveTimeout(max(STATUS_TIMEOUT_S, timeout))
         self._status_missing = ReceiveTimeout(STATUS_TIMEOUT_S)
         self._events = events
@@ -135,7 +136,7 @@ class Driver:
         self._pending_log: asyncio.TimerHandle | None = None
         self._condition: Inhibit | None = None
         self._condition_throttle = LogThrottle(burst=6)
-        self._link_state = LinkState.DISCONNECTED
+        self._reported_state = LinkState.DISCONNECTED
         self._dialect_known = asyncio.Event()
         if configuration.knows_byte_order:
             self._dialect_known.set()
@@ -143,11 +144,7 @@ class Driver:
         self._reports = {link.name: LinkReports(link, kind) for link in self.links}
 
     async def run(self) -> None:
-        """Run the links and all other parts until cancelled.
-
-        The arm is stopped if a part fails, or when this is cancelled. Raises the exception of the
-        failed part.
-        """
+        """Run the links and all other parts. Stop the arm if a part fails, or on cancellation."""
         try:
             self.goal_queue.make_ready()
             await run_task_group(
@@ -174,10 +171,7 @@ class Driver:
             await self.goal_queue.close()
 
     async def shut_down(self) -> None:
-        """Stop the arm and end the running goal, within SHUT_DOWN_TIMEOUT_S.
-
-        If the arm still moves then, the motors are switched off if the driver can do that.
-        """
+        """Stop the arm within SHUT_DOWN_TIMEOUT_S. Switch the motors off if it still moves."""
         self.gate.close('the driver is shutting down')
         deadline = self._now() + SHUT_DOWN_TIMEOUT_S
         try:
@@ -189,26 +183,22 @@ class Driver:
             await self.stopper.motors_off(SHUT_DOWN_TIMEOUT_S)
 
     def fault(self, why: str, *, motors_off: bool = False) -> None:
-        """Close the arm gate and end all goals and streams.
-
-        `motors_off`: the only reason is that the motors are off.
-        """
+        """Close the arm gate and end all goals and streams. `motors_off`: see ArmGate.close."""
         self.disable(why, motors_off=motors_off)
         self.goal_queue.fault(why)
 
     @property
     def busy(self) -> bool:
-        """True while a goal runs or a stream of setpoints is followed."""
         return self.goal_queue.busy or self.servo.active
 
-    def why_not(self, purpose: Purpose, now: float) -> Inhibit | None:
-        """Return the first inhibit of `purpose` at `now` (event loop time, s), or None."""
-        return self._why_not(purpose, now)
+    @property
+    def link_state(self) -> LinkState:
+        return min((link.state for link in self.links), key=WORST_FIRST.index)
 
-    def check_namesakes(self) -> None:
+    def check_second_driver(self) -> None:
         """Disable the arm if another process with the same ROS names exists."""
-        names, before = self.namesakes(), self._why_not.second
-        inhibit = self._why_not.second = second_driver(names) if names else None
+        names, before = self.second_driver(), self.why_not.second
+        inhibit = self.why_not.second = second_driver(names) if names else None
         if inhibit is not None:
             self.fault(inhibit.text)
         if inhibit != before:
@@ -233,10 +223,10 @@ class Driver:
             self.motion_link.reconnect('no reply to STOP')
 
     def disable(self, why: str, *, motors_off: bool = False, unexplained: bool = False) -> None:
-        """Close the arm gate, and end streams and goals in planning, but not the running goal.
+        """Close the arm gate, and end all motion except the running goal.
 
-        `motors_off`: the only reason is that the motors are off. `unexplained`: the controller has
-        not reported the cause yet, so the log entry waits for the status that contains it.
+        This ends the stream and the goals that are being planned. `unexplained`: the log entry
+        waits for the status that contains the cause.
         """
         was_open = self.gate.close(why, motors_off=motors_off, unexplained=unexplained)
         if was_open and unexplained:
@@ -342,9 +332,9 @@ class Driver:
     def _log_condition(
         self, status: Status, before: Status | None, now: float, *, quiet: bool
     ) -> None:
-        """Log what prevents a disabled arm from being enabled, and when this is cleared.
+        """Log a condition that prevents enabling the arm, and the end of the condition.
 
-        `before`: the previous status. `quiet`: no other log entry reports the cause.
+        `quiet`: `fault` does not log the condition, so this function must.
         """
         result, known = seen_inhibit(status, self.robot.errors), self._condition
         if result is not None and result.cause is Cause.NOT_POSSIBLE and known is None:
@@ -373,10 +363,7 @@ class Driver:
         return powered and not self.motors.busy and self.gate.reason != DISABLED
 
     def _on_motion_packet(self, packet: Packet) -> None:
-        """Process a FAILURE reply for which no request is pending.
-
-        Such a reply rejects a point acknowledged earlier, or reports a heartbeat timeout.
-        """
+        """Process an unexpected FAILURE: a withdrawn point, or a heartbeat timeout."""
         if packet.reply_code is not ReplyCode.FAILURE:
             return
         timeout = self.configuration.client_timeout
@@ -391,7 +378,7 @@ class Driver:
             self.servo.withdraw()
 
     def _on_link(self, name: str, state: LinkState, why: str) -> None:
-        """Handle a new state of link `name`: 'state', 'motion', or 'remote', which is both."""
+        """Handle a new state of a link. `name`: state, motion, or remote if one link is both."""
         if name != 'motion' and state is not LinkState.CONNECTED:
             self.robot.clear()
             self.heartbeat.reset()
@@ -407,7 +394,7 @@ class Driver:
         self._report_link(self.state_link if name == 'state' else self.motion_link, why)
 
     async def _before_motion_link(self) -> None:
-        """Wait for the byte order if STOP must come first because the controller keeps points."""
+        """Wait for the byte order if the controller keeps points, so that STOP must come first."""
         if self._connects_later():
             await self._dialect_known.wait()
 
@@ -417,8 +404,8 @@ class Driver:
     def _stop_first(self) -> None:
         """Send STOP on a new motion connection if it is due and the byte order is known.
 
-        Otherwise STOP waits for the first joint state, which shows the byte order. Goals need a
-        joint state, so they also wait. If a later joint state shows another byte order, the
+        If the byte order is unknown, STOP waits for the first joint state, which shows it. Goals
+        need a joint state, so they wait, too. If a later joint state shows another byte order, the
         connection is reopened (Link.follow).
         """
         if not self._dialect_known.is_set():
@@ -428,19 +415,19 @@ class Driver:
             self.stopper.stop()
 
     def _report_link(self, link: Link, why: str) -> None:
-        """Log the new state of a link and notify the owner. End all motion if it was lost."""
+        """Log a link's new state, and notify the owner. If the link was lost, end all motion."""
         if link.state is LinkState.BACKING_OFF and link.statistics.connections:
             self.fault(f'the {link.name} link was lost: {why}')
         self._reports[link.name].log_state(why)
-        combined = min((item.state for item in self.links), key=WORST_FIRST.index)
-        if combined is not self._link_state:
-            self._link_state = combined
+        combined = self.link_state
+        if combined is not self._reported_state:
+            self._reported_state = combined
             self._events.on_link_state(combined.value, why)
             if not self.state_link.connected:
                 self._events.on_status(Status())
 
     async def _watch_status(self) -> None:
-        """Discard a stale status, and report an unknown one each second until the next arrives."""
+        """Discard a stale status. Report an unknown status each second until a new one arrives."""
         while True:
             await wait_for_silence(self._status_missing)
             if self.robot.status is not None:
@@ -449,7 +436,6 @@ class Driver:
             self._events.on_status(Status())
 
     async def _watch_joints(self) -> None:
-        """Discard the joint positions when they become stale although the link is still up."""
         while True:
             await wait_for_silence(self._joints_missing)
             if self.robot.sample is not None:

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reasons why the arm does not move, each with a cause, a remedy and a text.
 
-InhibitTable (why_not.py) determines the reason. The node, the Python API, the panel and the doctor
-describe the remedy in their own terms, for example the service to call or the button to press.
+InhibitTable (why_not.py) determines the reason that applies. The node, the Python API, the panel
+and the doctor describe the remedy in their own terms, for example the service to call or the
+button to press.
 """
 
 from collections.abc import Collection
@@ -17,14 +18,14 @@ from epson_driver.simple_message import Mode, Status, TriState
 
 
 class Purpose(Flag):
-    """An action for which the driver checks whether anything inhibits it.
+    """An action. Before it, the driver checks whether anything inhibits this action.
 
     * REPORT: report why the arm does not move. COMMAND: send a command to the controller.
     * ENABLE: start to enable the arm. OPEN: open the arm gate.
     * RUN: keep the gate open and motion running.
     * GOAL: accept a goal although joints are unavailable during a motion.
-    * READY: accept a goal, or plan it, from known joints.
-    * ALONE: accept a goal that must not replace another. START: start a goal.
+    * READY: accept a goal or plan it, from known joint positions.
+    * ALONE: accept a goal that must not replace another goal. START: start a goal.
     * STREAM: start a stream of setpoints. FOLLOW: send the next setpoint.
     * LET_GO: keep a stream for which STOP was sent, for example after a silence.
     * RESUME: resume a paused goal.
@@ -46,7 +47,7 @@ class Purpose(Flag):
 
 
 class Cause(Enum):
-    """The cause of an inhibit. Causes from NO_STREAMS on inhibit only goals or streams."""
+    """The cause of an inhibit. NO_STREAMS and all later causes only inhibit goals or streams."""
 
     NO_STATE_LINK = auto()
     NO_JOINTS = auto()
@@ -74,18 +75,12 @@ class Cause(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Inhibit:
-    """A reason why the arm may not move.
-
-    * `text`: the reason, as part of a sentence.
-    * `advice`: the manufacturer's first remedy for a controller error, or ''.
-    * `past`: replaces `text` when the cause has passed but the arm is still disabled. It is '' if
-      `text` remains true.
-    """
+    """A reason why the arm may not move. `past`: text for when the cause has passed, or ''."""
 
     cause: Cause
     remedy: Remedy
-    text: str
-    advice: str = ''
+    text: str  # the reason, as part of a sentence
+    advice: str = ''  # the manufacturer's first remedy for a controller error, or ''
     past: str = ''
 
     @property
@@ -95,7 +90,6 @@ class Inhibit:
 
     @property
     def text_with_remedy(self) -> str:
-        """The text with the advice, if any."""
         return f'{self.text}: {self.advice}' if self.advice else self.text
 
 
@@ -112,15 +106,10 @@ MANUAL = Inhibit(Cause.MANUAL_MODE, Remedy.TURN_TO_AUTO, 'the key switch is at M
 
 
 def second_driver(who: str) -> Inhibit:
-    """Return the inhibit for another process with the same ROS names.
-
-    `who`: description of the process, which also receives the requests for this driver.
-    """
     return Inhibit(Cause.SECOND_DRIVER, Remedy.RENAME, f'a second driver uses its names: {who}')
 
 
 def main_ended(status: Status, errors: ErrorTexts) -> Inhibit:
-    """Return the inhibit for a controller program that has ended, with the error in STATUS."""
     text = f'the controller reports that motion is not possible, {_error(status, errors)}'
     return Inhibit(Cause.MAIN_ENDED, Remedy.START_MAIN, text)
 
@@ -130,9 +119,9 @@ def _error(status: Status, errors: ErrorTexts) -> str:
 
 
 def not_enabled(reason: str, refusal: Inhibit | None = None) -> Inhibit:
-    """Return the inhibit for a closed arm gate. `reason`: why it was closed.
+    """Return the inhibit for a closed gate.
 
-    `refusal`: why the controller refused the last attempt to enable the arm, if it did.
+    `refusal`: why the last attempt to enable the arm failed, or None.
     """
     if refusal is not None:
         text = f'the arm is not enabled (at the last attempt {refusal.reason})'
@@ -141,7 +130,6 @@ def not_enabled(reason: str, refusal: Inhibit | None = None) -> Inhibit:
 
 
 def controller_error(status: Status, errors: ErrorTexts) -> Inhibit:
-    """Return the inhibit for the error in STATUS. `errors`: texts of error numbers."""
     number = status.error_code
     return Inhibit(
         Cause.ERROR,
@@ -153,10 +141,7 @@ def controller_error(status: Status, errors: ErrorTexts) -> Inhibit:
 
 
 def status_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
-    """Return the inhibit for an E-stop, an error or motors that are off in STATUS, or None.
-
-    Unknown fields inhibit nothing. `errors`: texts of error numbers.
-    """
+    """Return the inhibit for an E-stop, an error or motors that are off in STATUS, or None."""
     number = status.error_code
     error = '' if number == NO_ERROR else f', error {errors.phrase(number)}'
     if status.e_stopped == TriState.TRUE:
@@ -177,9 +162,9 @@ def manual_inhibit(status: Status) -> Inhibit | None:
 
 
 def seen_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
-    """Return why the arm cannot move according to STATUS, or None if STATUS permits motion.
+    """Return why the arm cannot move according to STATUS, or None.
 
-    Unlike `status_inhibit`, it includes the key switch and motion_possible.
+    The key switch and motion_possible also count.
     """
     result = status_inhibit(status, errors)
     if result is None or result.cause is Cause.MOTORS_OFF:
@@ -194,10 +179,7 @@ def seen_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
 
 
 def flags_inhibit(flags: Collection[str], number: int, errors: ErrorTexts) -> Inhibit | None:
-    """Return why the arm cannot move according to the reply to GetStatus (Remote Ethernet).
-
-    `flags`: active flags. `number`: error number. Returns None if they do not prevent motion.
-    """
+    """Return why the arm cannot move according to the flags of GetStatus, or None."""
     error = f'error {errors.phrase(number)}'
     advice = errors.advice(number, 'remove the cause')
     for flag, cause, remedy, text in (
@@ -219,15 +201,11 @@ def flags_inhibit(flags: Collection[str], number: int, errors: ErrorTexts) -> In
 def refusal_inhibit(
     flags: Collection[str], number: int, device: int | None, errors: ErrorTexts
 ) -> Inhibit | None:
-    """Return why Remote Ethernet refuses a command, or None if the reason is unknown.
-
-    The arguments are the controller's status: flags, error number and control device.
-    """
+    """Return why Remote Ethernet refuses a command, or None if the reason is unknown."""
     return flags_inhibit(flags, number, errors) or device_inhibit(device)
 
 
 def device_inhibit(device: int | None) -> Inhibit | None:
-    """Return the inhibit if a device other than Remote Ethernet has control, or None."""
     if device is None or device == REMOTE_ETHERNET:
         return None
     text = f'the control device is {CONTROL_DEVICES[device]}: only it controls motors and main'

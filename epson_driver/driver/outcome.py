@@ -20,8 +20,6 @@ class ErrorCode(IntEnum):
 
 
 class End(Enum):
-    """The possible ends of a goal."""
-
     SUCCEEDED = 'succeeded'
     CANCELED = 'canceled'
     ABORTED = 'aborted'
@@ -29,10 +27,7 @@ class End(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The outcome of a goal: result code, reason and remedy.
-
-    `unexplained`: a point was rejected, and the controller has not reported the cause yet.
-    """
+    """The outcome of a goal. `unexplained`: the controller has not yet reported its cause."""
 
     end: End
     code: ErrorCode
@@ -42,8 +37,6 @@ class Outcome:
 
 
 class GoalRejectedError(ValueError):
-    """Raised if a goal cannot be executed. Contains result code, reason and remedy."""
-
     def __init__(self, code: ErrorCode, text: str, remedy: Remedy = Remedy.NONE) -> None:
         super().__init__(text)
         self.code = code
@@ -51,5 +44,4 @@ class GoalRejectedError(ValueError):
 
     @property
     def outcome(self) -> Outcome:
-        """Outcome of the rejected goal."""
         return Outcome(End.ABORTED, self.code, str(self), remedy=self.remedy)

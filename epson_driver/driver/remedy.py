@@ -11,6 +11,7 @@ class Remedy(Enum):
 
     NONE = ''
     CONNECT = 'start the controller, or check its address and ports'
+    FIX_LOGIN = 'set password_variable to an environment variable with the password of RC+'
     CHECK_STATE_SERVER = 'check whether the state server of the controller is running'
     KEEP_AWAY = 'keep away, press the E-stop, and find the cause'
     RELEASE_ESTOP = 'release it, reset, then enable the arm'

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Smoothing of trajectories in a separate process.
 
-Smoothing may take several seconds. A process can be killed at any time and does not block the
-event loop, which serves the links. Each trajectory uses a new process, started in advance.
+Smoothing may take several seconds. A separate process can be killed at any time, and does not
+block the event loop, which serves the links. Each trajectory uses a new process that has been
+started in advance.
 """
 
 import asyncio
@@ -27,33 +28,21 @@ from epson_driver.profiles.profile import ProgramProfile
 
 @dataclass(frozen=True, slots=True)
 class Smoothing:
-    """Settings for the smooth motion that replaces a plan.
+    """Settings for the smooth motion that replaces a plan. Deviations are in rad or m."""
 
-    * `resample_period`: time between two points of the smooth motion, s; None: the plan's points.
-    * `time_optimal`: move as fast as the limits permit, regardless of the plan's times.
-    * `thin`: send few points, at least `resample_period` apart.
-    * `deviation`: maximum deviation of the straight lines between these points from the smooth
-      motion, in each joint, rad or m.
-    * `longest`: maximum time between two points of a time-optimal motion, s.
-    * `tolerance`: maximum deviation of the motion from each point of the plan, in each joint,
-      rad or m.
-    """
-
-    resample_period: float | None = None
-    time_optimal: bool = False
-    thin: bool = False
-    deviation: float = np.inf
-    longest: float = np.inf
-    tolerance: float = 0.0
+    resample_period: float | None = None  # time between two points, s. None: the plan's points
+    time_optimal: bool = False  # move as fast as the limits permit, regardless of the plan's times
+    thin: bool = False  # send few points, at least `resample_period` apart
+    deviation: float = np.inf  # maximum distance of the lines between them from the smooth motion
+    longest: float = np.inf  # maximum time between two points of a time-optimal motion, s
+    tolerance: float = 0.0  # maximum deviation from each point of the plan
 
     @property
     def wanted(self) -> bool:
-        """Whether plans are changed before they are sent."""
         return self.time_optimal or self.resample_period is not None
 
 
 def usual_smoothing(program: ProgramProfile) -> Smoothing:
-    """Return a controller's default smoothing."""
     return Smoothing(
         None if program.smoothing == 'none' else program.resample_period,
         thin=program.smoothing == 'thin',
@@ -62,12 +51,11 @@ def usual_smoothing(program: ProgramProfile) -> Smoothing:
 
 
 MIN_TOLERANCE = 1e-3
-"""Minimum nonzero tolerance, rad or m. Duplicates a constant of `motion.smoothed`, because an
-import would load the smoother."""
+"""Minimum nonzero tolerance, rad or m. It duplicates a constant of `motion.smoothed`, because
+importing that would load the smoother."""
 
 
 def check_tolerance(smoothing: Smoothing) -> None:
-    """Raise ValueError if the tolerance is too small or incompatible with the other settings."""
     keeps_times = smoothing.resample_period is not None and not smoothing.time_optimal
     if smoothing.tolerance and not (keeps_times and smoothing.tolerance >= MIN_TOLERANCE):
         raise ValueError(
@@ -76,8 +64,7 @@ def check_tolerance(smoothing: Smoothing) -> None:
         )
 
 
-TIMEOUT_S = 30.0
-"""Maximum time for smoothing one trajectory, s."""
+TIMEOUT_S = 30.0  # maximum time for smoothing one trajectory, s
 
 WORKER = 'epson_driver.driver.smoothing_worker'
 
@@ -87,8 +74,6 @@ class SmoothingError(RuntimeError):
 
 
 class SmoothingProcess:
-    """Smooths trajectories in separate processes, one at a time."""
-
     def __init__(self, limits: JointLimits, smoothing: Smoothing) -> None:
         self._limits = limits
         self._smoothing = smoothing
@@ -97,20 +82,20 @@ class SmoothingProcess:
         self._closed = False
 
     def make_ready(self) -> None:
-        """Start the process for the next trajectory in advance."""
         if self._next is None and not self._closed:
             self._next = asyncio.create_task(start_worker(WORKER))
 
-    async def prepared(self, trajectory: Trajectory, start: Array) -> Trajectory:
+    async def prepared(
+        self, trajectory: Trajectory, start: Array, share: tuple[float, float] = (1.0, 1.0)
+    ) -> Trajectory:
         """Return the smooth motion for a checked trajectory of an arm at rest at `start`.
 
-        `start`: shape (n,), rad. Raises SmoothingError if no motion within the limits is found.
-        Cancelling ends the process immediately.
+        `share`: maximum velocity and acceleration, as fractions of the limits.
         """
         async with self._lock:
             process = await self._next_process()
             try:
-                arguments = (trajectory, start, self._limits, self._smoothing)
+                arguments = (trajectory, start, self._limits.scaled(*share), self._smoothing)
                 result = await result_of(process, arguments, (Trajectory,), TIMEOUT_S)
                 if not isinstance(result, Trajectory):
                     raise SmoothingError(str(result))
@@ -131,7 +116,10 @@ class SmoothingProcess:
         return process
 
     async def close(self) -> None:
-        """End the process started in advance, if any. Cancel calls of `prepared` before this."""
+        """End the process that was started in advance, if any.
+
+        The caller must have cancelled all calls of `prepared`.
+        """
         self._closed = True
         async with self._lock:
             starting, self._next = self._next, None
@@ -142,12 +130,9 @@ class SmoothingProcess:
 async def result_of(
     process: asyncio.subprocess.Process, value: object, kinds: Collection[type], timeout: float
 ) -> object:
-    """Send `value` to a worker process, and return its result, which is of one of `kinds`.
-
-    Raises SmoothingError if the process fails or takes longer than `timeout` s.
-    """
+    """Send `value` to a worker process, and return its result. `kinds`: allowed types of it."""
     if process.stdin is None or process.stdout is None:
-        raise ValueError('a process with pipes is needed')
+        raise ValueError('the worker process was started without pipes for stdin and stdout')
     try:
         async with asyncio.timeout(timeout):
             process.stdin.write(packed(value))

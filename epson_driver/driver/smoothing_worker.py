@@ -18,26 +18,23 @@ from epson_driver.motion.smoothed import denoised, retimed, smoothed, thinned
 from epson_driver.motion.smoother import Mode
 from epson_driver.processes.worker import answer_file, read_value, write_value
 
-MAX_MENTIONED_PROBLEMS = 3
-"""Maximum number of violations listed in an error text."""
+MAX_MENTIONED_PROBLEMS = 3  # maximum number of violations listed in an error text
 
 
 def smoothed_trajectory(
     trajectory: Trajectory, start: Array, limits: JointLimits, smoothing: Smoothing
 ) -> Trajectory:
-    """Return the smooth motion for a checked trajectory.
+    """Return the smooth motion for a checked trajectory of an arm at rest at `start`.
 
-    `start`: position of the arm at rest, shape (n,), rad. The motion starts there if the time of
-    the first point is not 0, and otherwise at the first point. It follows a spline through the
-    points, or through positions within the tolerance of the points, because the planner has not
-    checked other paths for collisions. Raises ValueError if no such motion exists.
+    The motion follows a spline through the points, or through positions within the tolerance of
+    the points, because the planner has not checked other paths for collisions.
     """
     trajectory = _to_smooth(trajectory, start, limits, smoothing)
     if smoothing.resample_period is None:
         if smoothing.time_optimal:
             return retimed(trajectory, limits, smoothing.longest)
         return trajectory
-    mode = _mode(smoothing)
+    mode = Mode.TIME_OPTIMAL if smoothing.time_optimal else Mode.TIME_PRESERVING
     if smoothing.thin:
         motion = thinned(
             trajectory,
@@ -49,7 +46,8 @@ def smoothed_trajectory(
         )
     else:
         motion = smoothed(trajectory, limits, mode, period=smoothing.resample_period, refine=False)
-    _check(motion, limits)
+    if violations := list(islice(problems(motion, limits), MAX_MENTIONED_PROBLEMS)):
+        raise ValueError('; '.join(violations))
     return motion
 
 
@@ -68,21 +66,10 @@ def _to_smooth(
     return trajectory
 
 
-def _mode(smoothing: Smoothing) -> Mode:
-    return Mode.TIME_OPTIMAL if smoothing.time_optimal else Mode.TIME_PRESERVING
-
-
-def _check(motion: Trajectory, limits: JointLimits) -> None:
-    if violations := list(islice(problems(motion, limits), MAX_MENTIONED_PROBLEMS)):
-        raise ValueError('; '.join(violations))
-
-
-NICENESS = 5
-"""Increment of this process's niceness, so that processes that serve links have priority."""
+NICENESS = 5  # added to this process's: processes that serve links have priority
 
 
 def main() -> None:
-    """Smooth one trajectory, and exit."""
     answers = answer_file()
     os.nice(NICENESS)
     requests = sys.stdin.buffer

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Task groups and change notifications of the event loop, and waiting for a fresh state."""
+"""Task groups, change notifications, and waiting for a fresh state, in the event loop."""
 
 import asyncio
 import contextlib
@@ -15,16 +15,12 @@ class TaskEndedError(RuntimeError):
 
 
 def report_error(what: str, error: BaseException) -> None:
-    """Report an error to the exception handler of the running loop."""
     loop = asyncio.get_running_loop()
     loop.call_exception_handler({'message': what, 'exception': error})
 
 
 def report_task_error(task: 'asyncio.Task[Any]') -> None:
-    """Report the exception of a task. Used as an argument of `Task.add_done_callback`.
-
-    Without it asyncio reports the exception late, when the task is garbage-collected, or never.
-    """
+    """Report the exception of a task, because asyncio would report it late or never."""
     if not task.cancelled() and (error := task.exception()) is not None:
         report_error(f'{task.get_coro().__qualname__} failed', error)  # type: ignore[union-attr]
 
@@ -37,9 +33,9 @@ async def run_task_group(
 ) -> None:
     """Run named parts until all have returned, one fails, or the caller is cancelled.
 
-    If a part fails or is cancelled separately, its error is reported to the loop's exception
-    handler, `stop` is awaited while the other parts still run, and the error is raised. All parts
-    have ended when the function returns.
+    A part fails if it raises, or if it alone is cancelled. Its error is then reported to the
+    loop's exception handler, `stop` is awaited while the other parts still run, and the error is
+    raised. All parts have ended when the function returns.
     """
     ending = False
     group = asyncio.current_task()
@@ -75,17 +71,14 @@ class Notification:
 
     @property
     def waiting(self) -> int:
-        """Number of waiting tasks."""
         return len(self._waiters)
 
     async def wait(self) -> None:
-        """Wait for the next `notify_all`."""
         waiter = asyncio.get_running_loop().create_future()
         self._waiters.append(waiter)
         await waiter
 
     def notify_all(self) -> None:
-        """Wake all waiting tasks."""
         waiters, self._waiters = self._waiters, []
         for waiter in waiters:
             if not waiter.done():
@@ -93,20 +86,18 @@ class Notification:
 
 
 MAX_READING_TURNS = 100
-"""Maximum turns of the event loop for reading pending input. In 100 turns it reads 5000 state
-messages, which arrive in 25 s. Without input, the turns take about 1 ms."""
+"""Maximum number of turns of the event loop for reading pending input. In 100 turns the loop reads
+5000 state messages, which arrive in 25 s. Without input, the turns take about 1 ms."""
 
 
 async def wait_for_fresh_state(
     stale: Callable[[float], object], changed: Notification, timeout: float
 ) -> float:
-    """Wait until the state is fresh, and return the loop's time for checking its age, s.
+    """Wait up to `timeout` s for a fresh state. Return the loop time at which it was checked, s.
 
-    Returns after `timeout` s even if the state is still stale. `stale(time)` returns whether the
-    state is stale at that time. `changed` is notified when input has arrived.
-
-    A state does not count as stale if a newer one has arrived that this process has not read yet.
-    All input that had arrived by the returned time has therefore been read.
+    `stale(time)` returns whether the state is too old at a time. `changed` is notified when input
+    has arrived. All input that had arrived by the returned time has been read, so no state counts
+    as stale while a newer state is unread.
     """
     loop = asyncio.get_running_loop()
     with contextlib.suppress(TimeoutError):
@@ -122,7 +113,7 @@ async def wait_for_fresh_state(
 
 
 async def _is_fresh(now: float, stale: Callable[[float], object], turns: int) -> bool:
-    """Return whether the state is fresh at `now`. Read pending input for up to `turns` turns."""
+    """Return whether the state is fresh at `now`, after reading input for up to `turns` turns."""
     for _ in range(turns):
         if not stale(now):
             return True

@@ -1,12 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Determines why the arm may not move, for enabling, goals, streams, diagnostics and API.
+"""Determines why the arm may not move, for enabling, goals, streams, diagnostics and the API.
 
-InhibitTable.ROWS lists all possible reasons in order, with the purposes that they inhibit.
+InhibitTable.ROWS lists all possible reasons in order, each with the purposes that it inhibits.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from epson_driver.driver.channel import Channel
@@ -28,11 +28,10 @@ from epson_driver.driver.state.robot_state import RobotState
 from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.link import Link
-from epson_driver.link.remote_link import RemoteLink
+from epson_driver.remote_ethernet.client import RemoteError, RemoteErrorNumber
 from epson_driver.simple_message import Status
 
-STATUS_TIMEOUT_S = 1.0
-"""Maximum age of a status, s. An EPSON controller sends one every 55 ms."""
+STATUS_TIMEOUT_S = 1.0  # maximum age: an EPSON controller sends one every 55 ms
 
 Check = Callable[['InhibitTable', float], Inhibit | None]
 """check(table, now) returns the inhibit that applies at `now` (event loop time, s), or None."""
@@ -40,24 +39,19 @@ Check = Callable[['InhibitTable', float], Inhibit | None]
 
 @dataclass(eq=False)
 class InhibitTable:
-    """Determines whether the arm may move.
-
-    `connects_later` returns whether the motion link waits for the byte order. `second`: the
-    inhibit while another process also receives the requests for this driver, else None.
-    """
+    """Determines whether the arm may move. `second`: another process has the same ROS names."""
 
     channel: Channel
     robot: RobotState
     gate: ArmGate
     stopper: Stopper
-    goals: GoalQueue
-    servo: Servo
     state_timeout: float
     connects_later: Callable[[], bool]
     second: Inhibit | None = None
+    goals: GoalQueue = field(init=False)  # set by the driver, as they ask this table
+    servo: Servo = field(init=False)
 
     def __call__(self, purpose: Purpose, now: float) -> Inhibit | None:
-        """Return the first inhibit of `purpose` at `now` (event loop time, s), or None."""
         results = (check(self, now) for check, purposes in self.ROWS if purpose in purposes)
         return next((inhibit for inhibit in results if inhibit is not None), None)
 
@@ -86,7 +80,7 @@ class InhibitTable:
         if cause is Cause.NO_MOTION_LINK and self.connects_later():
             state = 'waiting for joints, which show the byte order'
         text = f'the {link.name} link to {link.host}:{link.port} is {state}'
-        return Inhibit(cause, Remedy.CONNECT, f'no link to the controller: {text}')
+        return Inhibit(cause, link_remedy(link), f'no link to the controller: {text}')
 
     def _no_joints(self, now: float) -> Inhibit | None:
         sample = self.robot.sample
@@ -100,7 +94,6 @@ class InhibitTable:
         return _silence(Cause.NO_STATUS, 'STATUS', now, arrival, STATUS_TIMEOUT_S)
 
     def _stop_fails(self, now: float) -> Inhibit | None:
-        """Return the inhibit for a failed stop while the arm is not at rest yet."""
         return None if self.stopper.over else self._stop_failed(now)
 
     def _stop_failed(self, _now: float) -> Inhibit | None:
@@ -117,9 +110,7 @@ class InhibitTable:
         result = status_inhibit(status, errors)
         if result is not None and result.cause is not Cause.MOTORS_OFF:
             return result
-        if isinstance(link := self.channel.state_link, RemoteLink):
-            return flags_inhibit(link.flags, status.error_code, errors)
-        return None
+        return flags_inhibit(self.channel.state_link.flags, status.error_code, errors)
 
     def _not_enabled(self, _now: float) -> Inhibit | None:
         reason = self.gate.reason
@@ -156,7 +147,6 @@ class InhibitTable:
         return _reported(Cause.NO_POSE, self.robot.why_not_ready(now))
 
     def _denied(self, _now: float) -> Inhibit | None:
-        """Return why the controller denies motion although the arm is enabled."""
         if self.robot.main_ended:
             return main_ended(self._status, self.robot.errors)
         return PAUSED if self.robot.paused else None
@@ -165,12 +155,11 @@ class InhibitTable:
         return None if self.stopper.delivery.resumes else self._denied(now)
 
     def _ended(self, now: float) -> Inhibit | None:
-        """Return the inhibit if the SPEL+ program ended during a motion: points may remain."""
+        """Return the inhibit if the SPEL+ program ended during a motion, as points may remain."""
         ended = self.robot.main_ended and (self.goals.busy or self.servo.active)
         return self._denied(now) if ended else None
 
     def _moves(self, _now: float) -> Inhibit | None:
-        """Return the inhibit if the arm moves, for example because an operator jogs it."""
         why = self.robot.why_not_at_rest(self.stopper.stopped_velocity)
         return _reported(
             Cause.MOVES, why and f'the arm is moving ({why}): wait until it is at rest'
@@ -200,16 +189,24 @@ class InhibitTable:
         (_denied_to_goals, Purpose.READY | _START),
         (_moves, _START),
     )
-    """All checks, in the order in which to fix their causes, and the purposes they inhibit."""
+    """Pairs of a check and the purposes it inhibits, in the order in which to fix the causes."""
+
+
+def link_remedy(link: Link) -> Remedy:
+    """Return the remedy for a link that is down."""
+    failure = link.failure
+    if isinstance(failure, RemoteError) and failure.number in _NEED_PASSWORD:
+        return Remedy.FIX_LOGIN
+    return Remedy.CONNECT
+
+
+_NEED_PASSWORD = (RemoteErrorNumber.PASSWORD, RemoteErrorNumber.PASSWORD_NEEDED)
 
 
 def _silence(
     cause: Cause, what: str, now: float, newest: float | None, timeout: float
 ) -> Inhibit | None:
-    """Return the inhibit if a state message is missing or older than `timeout` s.
-
-    `what`: name of the message. `newest`: time of the newest one, s, or None.
-    """
+    """Return the inhibit if there is no state message in the last `timeout` s."""
     if newest is None:
         return Inhibit(cause, Remedy.CHECK_STATE_SERVER, f'no {what}')
     if now - newest < timeout:

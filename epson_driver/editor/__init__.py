@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A language server for SPEL+: `epson_driver spel server`, over stdin and stdout.
 
-`projects` has the texts and answers of each project without the protocol, `server` the protocol
-(pygls, the extra [editor]). The server reads below the workspace folders only, and writes no
-files: edits are sent to the client.
+`projects` keeps the texts of each project and answers questions about it. `server` implements the
+protocol (pygls, the extra [editor]). The server reads only below the workspace folders. It writes
+no files, and sends edits to the client instead.
 """

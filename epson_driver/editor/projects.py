@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The projects below the workspace folders: their texts, and answers about their names."""
+"""The projects below the workspace folders: their texts, problems and names, and renaming."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -23,11 +23,14 @@ _LIMITS = {'function': LONGEST_FUNCTION_NAME, 'point': LONGEST_POINT_LABEL}
 
 
 class RenameError(Exception):
-    """An invalid new name. The text is the reason."""
+    """A new name is invalid. The text is the reason."""
 
 
 class Project:
-    """The files of one project. `opened`: the texts of those that an editor has open."""
+    """The files of one project.
+
+    `opened`: the texts of the files that are open in an editor.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -36,13 +39,13 @@ class Project:
         self.texts: dict[str, str] = {}
         self.opened: dict[str, str] = {}
         self.revision = 0
-        """Number of changes. It shows whether the results of a check are stale."""
+        """Number of changes. It reveals whether the results of a check are outdated."""
         self.read()
 
     def read(self) -> None:
-        """Read all files again that no editor has open. Symbolic links are left out.
+        """Read all files that are not open in an editor. Symbolic links are skipped.
 
-        An unreadable folder, or a folder without a .prg file, is empty.
+        A folder that is unreadable or has no .prg file counts as empty.
         """
         try:
             texts = read_project(self.path)
@@ -59,21 +62,19 @@ class Project:
         self.revision += 1
 
     def set(self, name: str, text: str) -> None:
-        """Set the text of an open file."""
         self.opened[name] = self.texts[name] = text
         self.symbols.update(name, text)
         self.revision += 1
 
     def close(self, name: str) -> None:
-        """Take the text of a file from the disk again."""
         self.opened.pop(name, None)
         self.read()
 
     def problems(self, version: int | None) -> tuple[int, Mapping[str, list[Problem]]]:
         """Return the revision and the problems of each file. May be called in another thread.
 
-        If `version` is None, the version of the controller in spel.yaml applies, or else the
-        newest one. Raises InputError if spel.yaml is invalid.
+        If `version` is None, the version of the controller in spel.yaml applies. Without such a
+        controller, the newest version applies. Raises InputError if spel.yaml is invalid.
         """
         revision, texts = self.revision, dict(self.texts)
         settings = read_settings(self.folder)
@@ -84,7 +85,10 @@ class Project:
         return revision, result
 
     def visible(self, name: str, line: int, column: int) -> Iterator[Symbol]:
-        """Yield the symbols that can be written at a position: labels after GoTo, else others."""
+        """Yield the symbols that can be written at a position.
+
+        They are labels after GoTo, and all other symbols elsewhere.
+        """
         function = self.symbols.function_at(name, line)
         jump = _JUMP.match(self.symbols.files[name].lines[line][:column]) is not None
         for symbol in self.symbols.visible(name, function):
@@ -92,17 +96,16 @@ class Project:
                 yield symbol
 
     def word_at(self, name: str, line: int, column: int) -> str:
-        """Return the word at a position, or ''."""
         for match in re.finditer(r'\w+\$?', self.symbols.files[name].lines[line]):
             if match.start() <= column <= match.end():
                 return match.group()
         return ''
 
     def renamed(self, symbol: Symbol, new: str) -> dict[str, list[tuple[Place, str]]]:
-        """Return the changes of each file that give a symbol another name.
+        """Return the changes of each file that rename a symbol.
 
-        The header of a file that RC+ wrote is changed to match. Raises RenameError if the name is
-        not possible.
+        The header of a file that RC+ wrote is changed to match. Raises RenameError if the new name
+        is not possible.
         """
         places = self.symbols.references(symbol)
         self._check_name(symbol, new, places)
@@ -127,7 +130,7 @@ class Project:
         if not _NAME.fullmatch(new) or is_point_literal(new):
             raise RenameError(f'{new}: a name has letters, digits and _, and starts with a letter')
         if reserved(new):
-            raise RenameError(f'{new} is a word of SPEL+')
+            raise RenameError(f'{new} is a reserved word of SPEL+')
         if new.endswith('$') is not symbol.name.endswith('$'):
             raise RenameError(f'{new}: only names of strings end in $')
         if len(new) > limit:
@@ -149,10 +152,10 @@ class Projects:
         self._projects: dict[Path, Project] = {}
 
     def of(self, path: Path) -> Project | None:
-        """Return the project of a file, or None if it is not below a workspace folder.
+        """Return the project of a file, or None if the file is not below a workspace folder.
 
-        The project is the folder of the file, or only the file if the folder's .sprj does not
-        list it.
+        The project is the file's folder. If this folder's .sprj does not list the file, the
+        project is only the file.
         """
         path = path.resolve()
         if not any(path.is_relative_to(root) for root in self.roots):
@@ -168,5 +171,4 @@ class Projects:
         return self._projects[path]
 
     def below(self, path: Path) -> list[Project]:
-        """Return the loaded projects in the folder of a file."""
         return [item for item in self._projects.values() if item.folder == path.resolve().parent]

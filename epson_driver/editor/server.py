@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The language server: one handler for each request of an editor.
 
-Columns count code points in `projects`, and the client's units (mostly UTF-16) in the protocol.
-`check` runs in a thread after `DEBOUNCE` seconds without a change, and again after changes during
-the check. Questions about names are answered from the index at any time.
+In `projects`, columns count code points. In the protocol they count the client's units, usually
+UTF-16. `check` runs in a thread after `DEBOUNCE` seconds without a change, and again after changes
+during the check. Questions about names are answered from the index at any time.
 """
 
 import asyncio
@@ -30,6 +30,7 @@ from epson_driver.spel.words import CONSTANTS, SPELLING, is_a
 DEBOUNCE = 0.3
 
 _KINDS = {
+    # in the outline, in completion
     'function': (lsp.SymbolKind.Function, lsp.CompletionItemKind.Function),
     'variable': (lsp.SymbolKind.Variable, lsp.CompletionItemKind.Variable),
     'parameter': (lsp.SymbolKind.Variable, lsp.CompletionItemKind.Variable),
@@ -39,7 +40,6 @@ _KINDS = {
     'io': (lsp.SymbolKind.Interface, lsp.CompletionItemKind.Interface),
     'error': (lsp.SymbolKind.Event, lsp.CompletionItemKind.Event),
 }
-"""Kinds of symbols in the outline and in completion."""
 
 
 def _word_kind(word: str) -> lsp.CompletionItemKind:
@@ -55,8 +55,6 @@ Document = lsp.TextDocumentIdentifier | lsp.VersionedTextDocumentIdentifier | ls
 
 
 class SpelServer(LanguageServer):
-    """The server with its projects."""
-
     def __init__(self) -> None:
         super().__init__('epson_driver', '1', lsp.TextDocumentSyncKind.Incremental)
         self.projects = Projects([])
@@ -78,12 +76,11 @@ class SpelServer(LanguageServer):
         return (project, name) if name in project.texts else None
 
     def text_of(self, uri: str) -> str:
-        """Return the text of an open document, with line feeds only."""
         source = self.workspace.get_text_document(uri).source
         return source.replace('\r\n', '\n').replace('\r', '\n')
 
     def position(self, project: Project, name: str, position: lsp.Position) -> tuple[int, int]:
-        """Return line and column of a client's position, in code points."""
+        """Return the line and column of a client's position. Columns count code points."""
         lines = project.symbols.files[name].lines
         if position.line >= len(lines):
             return len(lines) - 1, len(lines[-1])
@@ -92,20 +89,17 @@ class SpelServer(LanguageServer):
         return result.line, result.character
 
     def range_of(self, project: Project, place: Place) -> lsp.Range:
-        """Return the range of a name in the client's units."""
         lines = project.symbols.files[place.file].lines
         start = lsp.Position(place.line, place.start)
         whole = lsp.Range(start, lsp.Position(place.line, place.end))
         return self.workspace.position_codec.range_to_client_units(lines, whole)
 
     def location(self, project: Project, place: Place) -> lsp.Location:
-        """Return the location of a name."""
         return lsp.Location(uri_of(project, place.file), self.range_of(project, place))
 
     def at(
         self, document: Document, position: lsp.Position
     ) -> tuple[Project, list[Symbol], Place] | None:
-        """Return the declarations of the name at a position, or None."""
         known = self.project(document)
         if known is None:
             return None
@@ -114,7 +108,7 @@ class SpelServer(LanguageServer):
         return None if found is None else (project, *found)
 
     def check_soon(self, project: Project) -> None:
-        """Check a project when nothing has changed for DEBOUNCE seconds."""
+        """Check a project as soon as nothing has changed for DEBOUNCE seconds."""
         task = self._checks.get(project.path)
         if task is None or task.done():
             task = asyncio.get_running_loop().create_task(self._check(project))
@@ -122,7 +116,10 @@ class SpelServer(LanguageServer):
             self._checks[project.path] = task
 
     def _report(self, task: asyncio.Task[None]) -> None:
-        """Log and show the error that has ended a check, if it is a new one."""
+        """Log and display the error that ended a check.
+
+        The same error of the previous check is not reported again.
+        """
         error = None if task.cancelled() else task.exception()
         if error is None:
             self._shown = ''
@@ -144,7 +141,10 @@ class SpelServer(LanguageServer):
         self._publish(project, problems)
 
     def _publish(self, project: Project, problems: Mapping[str, list[Problem]]) -> None:
-        """Send the problems of each file that is open, or has problems, or had some before."""
+        """Send the problems of each file.
+
+        Files without problems are included if they are open or had problems before.
+        """
         before = self._published.get(project.path, set())
         now = self._published[project.path] = {name for name in problems if problems[name]}
         for name in {*before, *now, *project.opened}:
@@ -170,7 +170,6 @@ class SpelServer(LanguageServer):
 
 
 def uri_of(project: Project, name: str) -> str:
-    """Return the URI of a file."""
     return str(from_fs_path(str(project.folder / name)))
 
 
@@ -179,7 +178,6 @@ server = SpelServer()
 
 @server.feature(lsp.INITIALIZE)
 def initialize(ls: SpelServer, parameters: lsp.InitializeParams) -> None:
-    """Store the workspace folders and the option `version`: 6, 7 or 8."""
     folders = [folder.uri for folder in parameters.workspace_folders or []]
     if not folders and parameters.root_uri:
         folders = [parameters.root_uri]
@@ -195,7 +193,6 @@ def initialize(ls: SpelServer, parameters: lsp.InitializeParams) -> None:
 def changed(
     ls: SpelServer, parameters: lsp.DidOpenTextDocumentParams | lsp.DidChangeTextDocumentParams
 ) -> None:
-    """Take the new text of a document."""
     uri = parameters.text_document.uri
     path = to_fs_path(uri)
     project = None if path is None else ls.projects.of(Path(path))
@@ -206,7 +203,6 @@ def changed(
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_CLOSE)
 def closed(ls: SpelServer, parameters: lsp.DidCloseTextDocumentParams) -> None:
-    """Take the text of a document from its file again."""
     known = ls.project(parameters.text_document)
     if known is not None:
         known[0].close(known[1])
@@ -215,7 +211,6 @@ def closed(ls: SpelServer, parameters: lsp.DidCloseTextDocumentParams) -> None:
 
 @server.feature(lsp.WORKSPACE_DID_CHANGE_WATCHED_FILES)
 def files_changed(ls: SpelServer, parameters: lsp.DidChangeWatchedFilesParams) -> None:
-    """Read the projects of changed files again."""
     paths = [to_fs_path(change.uri) for change in parameters.changes]
     for project in {item for path in paths if path for item in ls.projects.below(Path(path))}:
         project.read()
@@ -224,7 +219,6 @@ def files_changed(ls: SpelServer, parameters: lsp.DidChangeWatchedFilesParams) -
 
 @server.feature(lsp.TEXT_DOCUMENT_DOCUMENT_SYMBOL)
 def outline(ls: SpelServer, parameters: lsp.DocumentSymbolParams) -> list[lsp.DocumentSymbol]:
-    """Return functions with their labels, and what else a file declares."""
     known = ls.project(parameters.text_document)
     if known is None:
         return []
@@ -247,14 +241,12 @@ def outline(ls: SpelServer, parameters: lsp.DocumentSymbolParams) -> list[lsp.Do
 
 @server.feature(lsp.TEXT_DOCUMENT_DEFINITION)
 def definition(ls: SpelServer, parameters: lsp.DefinitionParams) -> list[lsp.Location]:
-    """Return where a name is declared."""
     found = ls.at(parameters.text_document, parameters.position)
     return [ls.location(found[0], item.place) for item in found[1]] if found else []
 
 
 @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
 def references(ls: SpelServer, parameters: lsp.ReferenceParams) -> list[lsp.Location]:
-    """Return all places that have a name."""
     found = ls.at(parameters.text_document, parameters.position)
     if found is None:
         return []
@@ -268,14 +260,12 @@ def references(ls: SpelServer, parameters: lsp.ReferenceParams) -> list[lsp.Loca
 
 @server.feature(lsp.TEXT_DOCUMENT_PREPARE_RENAME)
 def prepare_rename(ls: SpelServer, parameters: lsp.PrepareRenameParams) -> lsp.Range | None:
-    """Return the range of a name that can be changed."""
     found = ls.at(parameters.text_document, parameters.position)
     return ls.range_of(found[0], found[2]) if found else None
 
 
 @server.feature(lsp.TEXT_DOCUMENT_RENAME, lsp.RenameOptions(prepare_provider=True))
 def rename(ls: SpelServer, parameters: lsp.RenameParams) -> lsp.WorkspaceEdit:
-    """Return the edits of all files that give a symbol another name."""
     found = ls.at(parameters.text_document, parameters.position)
     if found is None:
         raise JsonRpcInvalidParams('there is no name of the project here')
@@ -296,7 +286,6 @@ def rename(ls: SpelServer, parameters: lsp.RenameParams) -> lsp.WorkspaceEdit:
 
 @server.feature(lsp.TEXT_DOCUMENT_HOVER)
 def hover(ls: SpelServer, parameters: lsp.HoverParams) -> lsp.Hover | None:
-    """Return the declaration of a name, or the syntax of a word with the manual's page."""
     found = ls.at(parameters.text_document, parameters.position)
     if found is not None:
         project, symbols, place = found
@@ -317,7 +306,6 @@ def _markdown(lines: Iterable[str]) -> lsp.MarkupContent:
 
 @server.feature(lsp.TEXT_DOCUMENT_COMPLETION)
 def completion(ls: SpelServer, parameters: lsp.CompletionParams) -> list[lsp.CompletionItem]:
-    """Return the names that can be written here, and the words of SPEL+."""
     known = ls.project(parameters.text_document)
     if known is None:
         return []
@@ -336,7 +324,6 @@ def completion(ls: SpelServer, parameters: lsp.CompletionParams) -> list[lsp.Com
 
 @server.feature(lsp.TEXT_DOCUMENT_FORMATTING)
 def formatting(ls: SpelServer, parameters: lsp.DocumentFormattingParams) -> list[lsp.TextEdit]:
-    """Return the lines that `spel fmt` changes."""
     known = ls.project(parameters.text_document)
     if known is None or not known[1].lower().endswith((PROGRAM, INCLUDE)):
         return []

@@ -23,15 +23,12 @@ _KINDS = {
 
 
 @cache
-def _tables() -> tuple[dict[str, int], dict[str, str]]:
-    table = read_yaml(share_path('config', 'spel', 'words.yaml'))
-    parts = table['page'].split()
-    pages = {name.lower(): int(page) for name, page in zip(parts[::2], parts[1::2], strict=True)}
-    return pages, {name.lower(): syntax for name, syntax in table['syntax'].items()}
+def _syntax() -> dict[str, str]:
+    table = read_yaml(share_path('config', 'spel', 'words.yaml'))['syntax']
+    return {name.lower(): syntax for name, syntax in table.items()}
 
 
 def _arguments(form: str) -> str:
-    """Return the arguments of a form of commands.py or functions.py for a reader."""
     result = ''
     for place, kind in enumerate(form.split(',') if form else []):
         words = re.fullmatch(r'w\((.*)\)(\??)', kind)
@@ -42,12 +39,11 @@ def _arguments(form: str) -> str:
 
 
 def syntax_of(name: str) -> list[str]:
-    """Return the syntax of a word: as a statement, as a function, or [] if it is unknown."""
     key = name.lower()
     lines = []
     rule = COMMANDS.get(key)
-    if key in _tables()[1]:
-        lines.append(_tables()[1][key])
+    if key in _syntax():
+        lines.append(_syntax()[key])
     elif rule is not None and not rule.form.startswith('@'):
         lines.append(f'{rule.name} {_arguments(rule.form)}'.rstrip())
     function = FUNCTIONS.get(key)
@@ -58,7 +54,6 @@ def syntax_of(name: str) -> list[str]:
 
 
 def word_help(name: str) -> str | None:
-    """Return Markdown about a word of SPEL+, or None for another name."""
     key = name.lower()
     if key not in SPELLING:
         return None
@@ -67,8 +62,7 @@ def word_help(name: str) -> str | None:
     word = WORDS.get(key)
     if word is None:
         return '\n'.join([*lines, '```'])
-    page = _tables()[0].get(key)
-    notes = [f'{MANUAL}, page {page}'] if page is not None else []
+    notes = [f'{MANUAL}, page {word.page}'] if word.page is not None else []
     if word.since > FIRST:
         notes.append(f'since RC+ {".".join(map(str, word.since))}')
     if not word.background:

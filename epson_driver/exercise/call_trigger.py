@@ -19,7 +19,6 @@ RETRY_S = 0.5
 
 
 def main() -> int:
-    """Call the service until it succeeds. Return the exit code."""
     name, seconds = sys.argv[1], float(sys.argv[2])
     deadline = time.monotonic() + seconds
     with udp_by_default():

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A robot cell on this machine: simulated controller, driver, person at the pendant, observer."""
+"""A robot cell on this machine: simulated controller, driver, operator, and observer."""
 
 import asyncio
 import contextlib
@@ -24,27 +24,19 @@ from epson_driver.remote_ethernet.hand import action
 from epson_driver.robots import RobotModel, load_robot_model
 
 HOST = '127.0.0.1'
-PERIOD_S = 0.02
-"""Polling period, s. The remote port of the controller sends only replies, so it is polled."""
-
+PERIOD_S = 0.02  # polling period, s: the remote port sends only replies
 RETRY_S = 0.2
 SESSION_S = 86_400.0
-ESTOP_FLAG = 6
-"""Index of the E-stop flag in the reply to GetStatus."""
-
-MOVED = 0.002
-"""Minimum displacement of a joint that counts as motion, rad or m."""
-
-REST_S = 0.2
-"""Time without motion after which the arm counts as at rest, s."""
+ESTOP_FLAG = 6  # index of the E-stop flag in the reply to GetStatus
+MOVED = 0.002  # minimum displacement of a joint that counts as motion, rad or m
+REST_S = 0.2  # time without motion after which the arm counts as at rest, s
 
 
 class Observer:
-    """Polls the arm's position and the E-stop in a thread until `close`.
+    """Polls the arm's position and the E-stop at the remote port, in a thread until `close`.
 
-    It queries the remote port, like a person at the pendant. Its observations are therefore
-    independent of driver and program, and of faults in their messages. Times are s on the
-    monotonic clock.
+    Its observations do not depend on the driver, the program, or faults in their messages. Times
+    are s on the monotonic clock.
     """
 
     def __init__(self, port: int, model: RobotModel, password: str = '') -> None:
@@ -64,7 +56,6 @@ class Observer:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop the thread."""
         self._closing = True
         self._thread.join()
 
@@ -76,19 +67,17 @@ class Observer:
 
     @property
     def stopped_at(self) -> float | None:
-        """The time of the first report of a pressed E-stop, or None."""
         with self._lock:
             return next((time for time, stopped in self._stopped if stopped), None)
 
     def wait_for_state(self, timeout: float) -> bool:
-        """Wait for the first report and return whether it arrived in time."""
         with self._news:
             return bool(self._news.wait_for(lambda: self._times, timeout))
 
     def wait_for_motion(self, until: float, ended: threading.Event) -> float | None:
-        """Wait until the arm moves, and return the time at which this was observed.
+        """Return when the arm was first seen moving.
 
-        Returns None if it has not moved by the time `until`, or when `ended` is set.
+        Return None if it has not moved at the time `until`, or when `ended` is set.
         """
         with self._news:
             start = self._positions[-1] if self._positions else None
@@ -137,7 +126,7 @@ class Observer:
 
 
 def standstill(times: Array, positions: Array) -> int | None:
-    """Return the first index after which the arm was at rest for REST_S, or None."""
+    """Return the index at which a standstill of at least REST_S starts, or None."""
     for index in range(len(times)):
         within = (times >= times[index]) & (times <= times[index] + REST_S)
         if times[-1] < times[index] + REST_S:
@@ -155,8 +144,8 @@ TRACE = 'wire.pcap'
 class SimulatedCell:
     """A running controller and its driver.
 
-    environment: environment variables for programs that use the cell. trace: the driver's
-    recording of the network traffic, complete once the cell is closed.
+    * environment: environment variables for programs that use the cell.
+    * trace: the driver's recording of the network traffic. It is complete once the cell is closed.
     """
 
     def __init__(
@@ -175,16 +164,18 @@ class SimulatedCell:
 
         Raises UsageError if `words` are unknown, RemoteError if the controller refuses the action.
         """
-        command = action(words).commands[0]
-        port, limit = self.ports.remote, PENDANT_TIMEOUT_S
-        asyncio.run(execute('127.0.0.1', port, [command], limit, self._password))
+        command, port = action(words).commands[0], self.ports.remote
+        asyncio.run(execute(HOST, port, [command], PENDANT_TIMEOUT_S, self._password))
 
     def fault(self, words: str) -> None:
-        """Start a fault, such as `cut 2` or `lost_reply skip=4`, or end all of them (`clear`)."""
+        """Start a fault, such as `cut 2` or `lost_reply skip=4`. `clear` ends all faults."""
         self.pendant(f'fault {words}')
 
     def enable(self) -> None:
-        """Enable the arm as an operator would. Raises RunError, with the reason, if that fails."""
+        """Enable the arm as an operator would.
+
+        Raises RunError, with the reason, if the arm cannot be enabled.
+        """
         words = ('/epson_driver/enable', f'{READY_TIMEOUT_S:g}')
         process = subprocess.run(  # noqa: S603 - our own
             module_command('epson_driver.exercise.call_trigger', *words),
@@ -225,9 +216,8 @@ def simulated_cell(
     `__` for a dot. Raises RunError if a process does not start, with the reason.
     """
     model = load_robot_model(robot)
-    log = folder / 'sim_controller.log'
     words = [f'--robot={robot}', f'--controller={controller}', *arguments]
-    sim = processes.sim_controller(log, *words)
+    sim = processes.sim_controller(folder / 'sim_controller.log', *words)
     started: list[Process] = [sim]
     cell: SimulatedCell | None = None
     try:

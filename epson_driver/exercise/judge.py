@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Verdicts on a program's reaction to a fault, in a word and a sentence."""
+"""Evaluates a program's reaction to a fault, and describes it in a word and a sentence."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -10,13 +10,10 @@ import numpy as np
 
 from epson_driver.motion import Array
 
-THERE = 0.01
-"""Maximum distance from the end position of the run without a fault, rad or m."""
+THERE = 0.01  # maximum distance from the end position of the run without a fault, rad or m
 
 
 class Verdict(StrEnum):
-    """Verdict on the program's behaviour during a fault."""
-
     FINISHED = 'finished'
     GAVE_UP = 'gave up'
     GAVE_UP_SILENTLY = 'gave up silently'
@@ -29,16 +26,13 @@ class Verdict(StrEnum):
 
 
 GOOD = (Verdict.FINISHED, Verdict.GAVE_UP)
-"""Verdicts that pass. The other ones fail the exercise."""
 
 
 @dataclass(frozen=True, eq=False)
 class Observed:
     """Observations of one run of the program.
 
-    * code: its exit code, or None if it had to be killed after `seconds`.
-    * last_line: the last line of its output.
-    * trajectories: the number of trajectories sent to the controller.
+    * code: the program's exit code, or None if it had to be killed after `seconds`.
     * end: the arm's final position, shape (n,), rad or m.
     * refused: why the controller did not accept the fault, or ''.
     * aborted: why the driver last aborted a goal, or ''.
@@ -59,8 +53,6 @@ class Observed:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """The verdict on the program in one case, and the reason."""
-
     case: str
     verdict: Verdict
     why: str
@@ -68,12 +60,10 @@ class Result:
 
     @property
     def good(self) -> bool:
-        """Whether the program passes."""
         return self.verdict in GOOD
 
 
 def judge(seen: Observed, usual: Observed) -> Result:
-    """Return the verdict on the run `seen`, compared with `usual`, the run without a fault."""
     verdict, why = _verdict(seen, usual)
     return Result(seen.case, verdict, why, seen.seconds)
 
@@ -84,10 +74,8 @@ def _verdict(seen: Observed, usual: Observed) -> tuple[Verdict, str]:
     if seen.refused:
         return Verdict.REFUSED, f'the controller refused the fault: {seen.refused}'
     if seen.code is None:
-        return (
-            Verdict.HUNG,
-            f'killed after {seen.seconds:.0f} s, last line: {seen.last_line or "-"}',
-        )
+        text = f'killed after {seen.seconds:.0f} s, last line: {seen.last_line or "-"}'
+        return Verdict.HUNG, text
     if not seen.moved:
         return Verdict.NO_MOTION, f'the arm did not move, last line: {seen.last_line or "-"}'
     if seen.trajectories > usual.trajectories:
@@ -106,7 +94,6 @@ def _verdict(seen: Observed, usual: Observed) -> tuple[Verdict, str]:
 
 
 def junit(results: list[Result], command: str) -> str:
-    """Return the results as JUnit XML, a test case for each fault."""
     failures = sum(not result.good for result in results)
     suite = ElementTree.Element(
         'testsuite',

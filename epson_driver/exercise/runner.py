@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a program in its own cell, triggers a fault, and records the program's behaviour."""
+"""Runs a program in a separate cell, triggers a fault, and records the program's behaviour."""
 
 import contextlib
 import os
@@ -26,19 +26,18 @@ from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 
-Words = str
-"""An action in the syntax of `pendant`: `estop press`, `fault cut 2`."""
+Words = str  # an action in the syntax of `pendant`: `estop press`, `fault cut 2`
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A fault. Afterwards, the cell does not enable the arm again.
+    """A fault. After it, the cell does not enable the arm again.
 
-    * what: its description.
-    * trigger: the actions that cause it.
-    * person: the operator's reaction PERSON_COMES_S later.
-    * stops: whether it causes an E-stop, after which nothing may move without a new enable.
-    * early: whether it begins before the program starts, because it affects the start of motion.
+    * what: description of the fault.
+    * person: what the operator does PERSON_COMES_S after the fault.
+    * stops: whether the fault causes an E-stop, after which nothing may move until the arm is
+      enabled.
+    * early: whether the fault starts before the program, because it affects the start of a motion.
     """
 
     name: str
@@ -60,12 +59,12 @@ _FAULT_WORDS = {
     'one_byte': 'one_byte for=5',
     'bit_errors': 'bit_errors rate=0.2 for=3',
     'wrong_length': 'wrong_length',
-    'lost_reply': 'lost_reply skip=1',  # to the second point
+    'lost_reply': 'lost_reply skip=1',  # the reply to the second point
     'late_reply': 'late_reply seconds=2 skip=1',
     'wrong_byte_order': 'wrong_byte_order for=2',
     'frozen_encoder': 'frozen_encoder for=3',
     'servo_error': 'servo_error',
-    'estop_at_point': 'estop_at_point 2',  # the first one is at the arm's current position
+    'estop_at_point': 'estop_at_point 2',  # point 1 is at the arm's current position
     'reboot': 'reboot for=3',
 }
 
@@ -74,8 +73,7 @@ _AFTERWARDS = {
     'estop_at_point': ('estop release', 'reset'),
 }
 
-STOPPED_FIRST = ('motors off', 'reset')
-"""Actions refused while a SPEL+ program runs. The person stops the program first."""
+STOPPED_FIRST = ('motors off', 'reset')  # refused while a SPEL+ program runs: it is stopped first
 
 CASES: dict[str, Case] = {
     item.name: item
@@ -118,7 +116,10 @@ CASES: dict[str, Case] = {
 
 
 def for_kind(actions: tuple[Words, ...], *, spel: bool) -> tuple[Words, ...]:
-    """Return `actions`. With `spel`, insert `stop` before the ones in STOPPED_FIRST."""
+    """Return the operator's actions for a kind of controller.
+
+    With `spel`, the action `stop` is inserted before each action in STOPPED_FIRST.
+    """
     if not spel:
         return actions
     return tuple(
@@ -128,19 +129,12 @@ def for_kind(actions: tuple[Words, ...], *, spel: bool) -> tuple[Words, ...]:
     )
 
 
-MOTION_SHARE = (0.1, 0.6)
-"""Range of the delay from first motion to fault, as a fraction of the duration without fault."""
-
+MOTION_FRACTION = (0.1, 0.6)  # delay from first motion to fault / duration without fault
 LATEST_BEGIN_S = 2.0
-PERSON_COMES_S = 3.0
-"""Time from the start of the fault to the person's reaction, s."""
-
-AFTERWARDS_S = 2.0
-"""Time for which the arm is observed after the program has ended, s."""
-
+PERSON_COMES_S = 3.0  # time from the start of the fault to the person's reaction, s
+AFTERWARDS_S = 2.0  # time for which the arm is observed after the program has ended, s
 KILL_TIMEOUT_S = 10.0
-ABORTED = 'goal aborted: '
-"""Prefix of the driver's log line for an aborted goal. The reason follows."""
+ABORTED = 'goal aborted: '  # prefix of the driver's log line for an aborted goal
 MAX_SAID_CHARACTERS = 200
 
 
@@ -158,10 +152,10 @@ class Exercise:
 
 
 def run_case(exercise: Exercise, case: Case, folder: Path, usual: Observed | None) -> Observed:
-    """Run the program once, with logs and trace in `folder`, which must not exist yet.
+    """Run the program once.
 
-    usual: the observations without a fault, or None for that run itself. Raises cell.RunError if
-    controller or driver do not start.
+    Logs and trace are written to `folder`, which must not exist yet. `usual`: the observations
+    without a fault, or None for the run without a fault.
     """
     folder.mkdir(parents=True)
     spel = bool(load_controller_profile(exercise.controller).spel.project)
@@ -246,12 +240,11 @@ def _watch(
 
 
 def _delay(usual: Observed | None, chance: random.Random) -> float:
-    fraction = chance.uniform(*MOTION_SHARE)
+    fraction = chance.uniform(*MOTION_FRACTION)
     return fraction * min(usual.seconds if usual is not None else 1.0, LATEST_BEGIN_S)
 
 
 def _begin(cell: SimulatedCell, case: Case) -> str:
-    """Start the fault and return why the controller refuses it, or ''."""
     try:
         for words in case.trigger:
             cell.pendant(words)
@@ -284,7 +277,6 @@ def _last_line(log: Path) -> str:
 
 
 def _aborted(log: Path) -> str:
-    """Return why the driver last aborted a goal, or '' if it aborted none."""
     lines = log.read_text(encoding='utf-8', errors='replace').splitlines()
     reasons = [line.partition(ABORTED)[2] for line in lines if ABORTED in line]
     return printable(reasons[-1]) if reasons else ''

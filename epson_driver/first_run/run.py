@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from epson_driver.doctor.listening import TRACE
-from epson_driver.first_run.book import DONE, FAILED, SKIPPED, Entry, FirstRunRecord, packed
+from epson_driver.first_run.record import DONE, FAILED, SKIPPED, Entry, FirstRunRecord, packed
 from epson_driver.first_run.steps import EndedError, FirstRun, Step, agreed, make_ready, steps
 from epson_driver.first_run.trial_move import NotMovedError
 from epson_driver.trace.pcap import PcapWriter
@@ -18,43 +18,42 @@ CHOICES = 'Enter or y: do it, s: skip it, q: end (continue another time): '
 
 
 async def go_through(
-    run: FirstRun, book: FirstRunRecord, path: Path, say: Callable[[str], None]
+    run: FirstRun, record: FirstRunRecord, path: Path, say: Callable[[str], None]
 ) -> bool:
-    """Do every step that has not been done. Returns False if the user ended the session.
+    """Execute every step that has not been done. Return False if the user ended the session.
 
-    `say` shows a line to the user. The book is written after every step, so that an interruption
-    loses only the current step.
+    The record is written after every step, so an interruption loses only the current step.
     """
     try:
-        return await _go_through(run, book, path, say)
+        return await _go_through(run, record, path, say)
     finally:
         await run.connections.close()
 
 
 async def _go_through(
-    run: FirstRun, book: FirstRunRecord, path: Path, say: Callable[[str], None]
+    run: FirstRun, record: FirstRunRecord, path: Path, say: Callable[[str], None]
 ) -> bool:
     for step in steps(run.joints, remote=run.remote):
-        before = book.entries.get(step.name)
+        before = record.entries.get(step.name)
         if before is not None and before.state == DONE:
             say(f'{step.name}: done {before.at}')
             continue
         say(f'{step.name}: {step.says}')
-        now = dataclasses.replace(run, delay=float(book.facts.get('reply delay', 0.0)))
+        now = dataclasses.replace(run, delay=float(record.facts.get('reply delay', 0.0)))
         try:
             do = await agreed(run.ask, CHOICES)
-            book.entries[step.name] = await _done(step, now) if do else Entry(SKIPPED, _now())
+            record.entries[step.name] = await _done(step, now) if do else Entry(SKIPPED, _now())
         except EndedError as ended:
             say(f'{step.name}: {ended}')
             return False
-        entry = book.entries[step.name]
+        entry = record.entries[step.name]
         for habit in entry.found.habits:
             run.findings.note(step.name, habit)
         if entry.state == FAILED:
             run.findings.wrong(
                 step.name, entry.why, 'run first_run again: completed steps are saved'
             )
-        book.save(path)
+        record.save(path)
     return True
 
 

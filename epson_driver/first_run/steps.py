@@ -10,7 +10,8 @@ import asyncio
 import dataclasses
 import math
 import statistics
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -21,8 +22,8 @@ from epson_driver.doctor.controller_checks import Question, check_controller
 from epson_driver.doctor.findings import Findings
 from epson_driver.doctor.listening import Conversation, opened
 from epson_driver.doctor.pose_checks import Ask
-from epson_driver.doctor.state_facts import latest_joints, latest_status
-from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.doctor.state_facts import Facts, latest_joints, latest_status
+from epson_driver.driver.delivery.delivery import delivery_rules
 from epson_driver.driver.delivery.statements import StatementDelivery
 from epson_driver.driver.inhibit import seen_inhibit
 from epson_driver.driver.state.joint_mapping import joint_mapping
@@ -46,11 +47,11 @@ from epson_driver.simple_message import ReplyCode, Status, TriState
 
 DEGREES = 5.0
 SLIDE_MM = 10.0
-"""Travel of a joint: 5 degrees, or 10 mm of a prismatic joint."""
+"""Travel of a prismatic joint, mm. Other joints move by 5 degrees."""
 
-WAY_S = 2.0
+MOVE_S = 2.0
 BACK_AND_FORTH = 10
-"""Duration of a motion, s, and number of such motions in a step that a person interrupts."""
+"""Duration of a motion, s, and number of motions in a step that an operator interrupts."""
 
 STREAM_POINTS = 40
 STREAM_PERIODS_S = (0.1, 0.05)
@@ -60,13 +61,14 @@ PENDANT_TOLERANCE = 0.05
 """Tolerance between the pendant's values and the joint states, degrees or mm."""
 
 LATE_S = 0.02
-"""Replies count as late if the one to a STOP takes this much longer than TCP's handshake, s."""
+"""Minimum delay of a late reply, s.
+
+It is the delay of the reply to a STOP, compared with the duration of TCP's handshake.
+"""
 
 
 @dataclass
 class StepResult:
-    """The results of a step."""
-
     facts: dict[str, Any] = field(default_factory=dict)
     times: dict[str, float] = field(default_factory=dict)
     answers: dict[str, str] = field(default_factory=dict)
@@ -74,13 +76,14 @@ class StepResult:
 
 
 class Connections:
-    """The connections to the ports of a controller, which are kept over the steps."""
-
     def __init__(self) -> None:
         self._open: dict[int, Conversation] = {}
 
     async def to(self, host: str, port: int, **options: Any) -> Conversation:
-        """Return the connection to a port, or a new one (see `opened`) if it has ended."""
+        """Return the connection to a port.
+
+        If it has ended, return a new connection (see `opened`).
+        """
         made = self._open.get(port)
         if made is None or made.traffic.ended:
             if made is not None:
@@ -94,41 +97,41 @@ class Connections:
             made.restart()
 
     async def close(self) -> None:
-        """Close all connections."""
         while self._open:
             await self._open.popitem()[1].close()
 
 
 @dataclass(frozen=True)
 class FirstRun:
-    """The robot to examine, the dialogue with the user, and the collected findings.
-
-    `delay`: the delay of replies measured so far, s.
-    """
+    """The robot to examine, the dialogue with the user, and the findings so far."""
 
     question: Question
     ask: Ask
     findings: Findings
-    delay: float = 0.0
+    delay: float = 0.0  # delay of replies measured so far, s
     connections: Connections = field(default_factory=Connections)
 
     @property
     def errors(self) -> ErrorTexts:
-        """The texts of the controller's error numbers."""
         return load_error_texts(self.question.profile.error_texts)
 
     @property
     def joints(self) -> int:
-        """Number of joints."""
         return len(self.question.model.joint_names)
 
     @property
     def remote(self) -> bool:
-        """Whether the arm moves by statements of Remote Ethernet, without a program."""
+        """Whether statements of Remote Ethernet move the arm.
+
+        In this case the controller needs no program.
+        """
         return self.question.profile.program.interface == 'statements'
 
     async def state(self) -> Conversation:
-        """Return the connection for the state. Raises NoConnectionError if it cannot be opened."""
+        """Return the connection to the state port.
+
+        Raises NoConnectionError if it cannot be opened.
+        """
         question = self.question
         if not self.remote:
             return await self.connections.to(question.host, question.state_port, sends=True)
@@ -140,7 +143,10 @@ class FirstRun:
         return await self.connections.to(question.host, question.remote_port, make=make)
 
     async def links(self) -> tuple[Conversation, Conversation]:
-        """Return the connections for state and motion. Raises NoConnectionError if one fails."""
+        """Return the connections to the state port and to the motion port.
+
+        Raises NoConnectionError if one of them cannot be opened.
+        """
         state = await self.state()
         if self.remote:
             return state, state
@@ -152,7 +158,10 @@ Do = Callable[[FirstRun], Awaitable[StepResult]]
 
 @dataclass(frozen=True)
 class Step:
-    """One step: `says` explains it, `do` executes it. `moves`: whether it moves the arm."""
+    """One step of the first run.
+
+    `says` is its explanation, and `do` executes it. `moves`: whether the step moves the arm.
+    """
 
     name: str
     says: str
@@ -160,10 +169,14 @@ class Step:
     moves: bool = False
 
 
-async def _listen(run: FirstRun) -> StepResult:
-    question = dataclasses.replace(run.question, may_ask=False, may_use_io=False)
+async def _check(run: FirstRun, *, may_ask: bool = False, may_use_io: bool = False) -> Facts:
+    question = dataclasses.replace(run.question, may_ask=may_ask, may_use_io=may_use_io)
     await run.connections.close()  # a port may serve one client only
-    facts = await check_controller(question, run.findings)
+    return await check_controller(question, run.findings)
+
+
+async def _listen(run: FirstRun) -> StepResult:
+    facts = await _check(run)
     result = StepResult(facts)
     if 'state.period' in facts:
         result.times['state period'] = float(facts['state.period'])  # type: ignore[arg-type]
@@ -177,7 +190,10 @@ async def _listen(run: FirstRun) -> StepResult:
 
 
 def _rounding(joints: Sequence[float]) -> float:
-    """Return the rounding step of joint states, degrees: 0.1, 0.01 or 0.001, or 0 if unrounded."""
+    """Return the unit to which joint states are rounded, degrees: 0.1, 0.01 or 0.001.
+
+    Return 0 if they are not rounded.
+    """
     values = np.degrees(np.asarray(joints))
     if np.abs(values).max() < 0.1:
         return 0.0  # an arm at 0 shows no rounding
@@ -196,12 +212,7 @@ async def _pendant(run: FirstRun) -> StepResult:
         shown = np.empty(0)
     if len(shown) != run.joints:
         raise NotMovedError(f'not compared with the pendant: {run.joints} numbers are needed')
-    state = await run.state()
-    await state.wait_for_traffic(latest_joints, 5.0)
-    joints = latest_joints(state.traffic)
-    if joints is None:
-        raise NotMovedError('no joint states came')
-    own = _shown(np.array(joints[: run.joints]), run)
+    own = _shown(await _where(run, await run.state()), run)
     for index, (ours, theirs) in enumerate(zip(own, shown, strict=True)):
         if abs(ours - theirs) <= PENDANT_TOLERANCE:
             continue
@@ -221,9 +232,7 @@ def _shown(joints: Array, run: FirstRun) -> Array:
 
 
 async def _ask_still(run: FirstRun) -> StepResult:
-    question = dataclasses.replace(run.question, may_ask=True, may_use_io=False)
-    await run.connections.close()  # a port may serve one client only
-    facts = await check_controller(question, run.findings)
+    facts = await _check(run, may_ask=True)
     result = StepResult(facts)
     if 'program.kind' not in facts:
         raise NotMovedError('the motion port was not queried: see above')
@@ -250,14 +259,12 @@ async def _ask_still(run: FirstRun) -> StepResult:
 
 
 async def _io(run: FirstRun) -> StepResult:
-    question = dataclasses.replace(run.question, may_ask=False, may_use_io=True)
-    await run.connections.close()  # a port may serve one client only
-    facts = await check_controller(question, run.findings)
+    facts = await _check(run, may_use_io=True)
     return StepResult({key: facts[key] for key in ('io', 'ports.io') if key in facts})
 
 
 async def make_ready(run: FirstRun) -> None:
-    """Ask the operator to make the arm ready, if it is not. Nothing is sent."""
+    """Ask the operator to make the arm ready, if it is not ready. Nothing is sent."""
     state = await run.state()
     await state.wait_for_traffic(latest_status, 5.0)
     status = latest_status(state.traffic)
@@ -271,10 +278,9 @@ class EndedError(Exception):
 
 
 async def agreed(ask: Ask, sentence: str, no: str = 's') -> bool:
-    """Ask until the user agrees (return True) or declines (return False).
+    """Ask until the user agrees (Enter or y) or declines (an answer that starts with `no`).
 
-    Enter or y agrees. An answer that starts with the text in `no` declines. Raises EndedError if
-    the answer starts with q.
+    Raises EndedError if the answer starts with q.
     """
     while (answer := (await ask(sentence)).strip().lower()) not in ('', 'y', 'yes'):
         if answer.startswith('q'):
@@ -296,7 +302,7 @@ async def _power(run: FirstRun) -> StepResult:
 
 
 async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
-    """Ask the user to do `what`, repeatedly, until STATUS permits motion."""
+    """Ask the user to do `what`, and repeat this until STATUS permits motion."""
     while True:
         done = await agreed(run.ask, f'{what}, then press Enter (s: skip this step): ')
         if done and run.remote:
@@ -314,7 +320,6 @@ async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
 
 
 async def _switch_on(run: FirstRun, state: Conversation) -> None:
-    """Reset the controller and switch the motors on, by Remote Ethernet."""
     assert isinstance(state.link, RemoteLink)  # noqa: S101 - for the type checker
     for command in ('Reset', 'SetMotorsOn,1'):
         try:
@@ -324,7 +329,10 @@ async def _switch_on(run: FirstRun, state: Conversation) -> None:
 
 
 def _target(here: Array, index: int, run: FirstRun) -> Array:
-    """Return the target of joint `index`, in its + direction unless the range ends nearby."""
+    """Return the target of a motion of joint `index`.
+
+    The direction is positive, unless the joint's range ends too near.
+    """
     step = SLIDE_MM / 1000.0
     if run.question.model.joint_types[index] != PRISMATIC:
         step = math.radians(DEGREES)
@@ -336,18 +344,16 @@ def _target(here: Array, index: int, run: FirstRun) -> Array:
 
 async def _joint(index: int, run: FirstRun) -> StepResult:
     name = run.question.model.joint_names[index]
-    state, motion = await run.links()
-    here = await _where(run, state)
-    target = _target(here, index, run)
-    made = await _move_and_record(run, state, motion, [target], [WAY_S])
-    result = _ride_times(f'joint {index + 1}', made)
+    state, motion, here, target = await _prepared(run, index)
+    made = await _move_and_record(run, state, motion, [target], [MOVE_S])
+    result = _move_times(f'joint {index + 1}', made)
     if index == 0:
         result.facts['lateness'] = made.lateness
     off = np.abs(made.positions[-1] - target).max()
     if off > 2.0 * MOVED:
         result.habits.append(f'{name} stopped {off:.4f} rad or m from its target')
-    back = _ride_times(
-        f'joint {index + 1}', await _move_and_record(run, state, motion, [here], [WAY_S])
+    back = _move_times(
+        f'joint {index + 1}', await _move_and_record(run, state, motion, [here], [MOVE_S])
     )
     # motion starts in a cycle of the controller, so the mean of two is more accurate
     result.times = {
@@ -362,11 +368,20 @@ async def _joint(index: int, run: FirstRun) -> StepResult:
     return result
 
 
+async def _prepared(
+    run: FirstRun, index: int = 0
+) -> tuple[Conversation, Conversation, Array, Array]:
+    """Return both connections, the current position, and the target of joint `index`."""
+    state, motion = await run.links()
+    here = await _where(run, state)
+    return state, motion, here, _target(here, index, run)
+
+
 async def _where(run: FirstRun, state: Conversation) -> Array:
     await state.wait_for_traffic(latest_joints, 5.0)
     joints = latest_joints(state.traffic)
     if joints is None:
-        raise NotMovedError('no joint states came')
+        raise NotMovedError('no joint states were received')
     return np.array(joints[: run.joints])
 
 
@@ -389,7 +404,7 @@ async def _move_and_record(
     return await move_and_record(state, motion, model, run.errors, targets, durations, stop_after)
 
 
-def _ride_times(name: str, made: TrialMove) -> StepResult:
+def _move_times(name: str, made: TrialMove) -> StepResult:
     result = StepResult()
     missing = sum(answer is None for answer in made.answers)
     if missing:
@@ -410,21 +425,19 @@ async def _points(run: FirstRun) -> StepResult:
     result = StepResult()
     counts: list[float] = []
     periods: list[float] = []
-    state, motion = await run.links()
-    here = await _where(run, state)
-    target = _target(here, 0, run)
+    state, motion, here, target = await _prepared(run)
     for usual in STREAM_PERIODS_S:
         period = usual + 2.0 * run.delay  # a point waits for the reply before it
-        ways = [here + (target - here) * k / STREAM_POINTS for k in _numbers(STREAM_POINTS)]
+        targets = [here + (target - here) * k / STREAM_POINTS for k in range(1, STREAM_POINTS + 1)]
         name = f'{STREAM_POINTS} points of {usual:g} s{" and two replies" * bool(run.delay)}'
-        made = await _move_and_record(run, state, motion, ways, [period] * STREAM_POINTS)
-        one = _ride_times(name, made)
+        made = await _move_and_record(run, state, motion, targets, [period] * STREAM_POINTS)
+        one = _move_times(name, made)
         result.times |= one.times
         result.habits += one.habits
         counts.append(ahead(made, 0, run.delay))
         periods.append(period)
         stops = rests(made)
-        await _move_and_record(run, state, motion, [here], [WAY_S])
+        await _move_and_record(run, state, motion, [here], [MOVE_S])
     result.facts |= _buffer(counts, periods)
     # a point acknowledged at the arm's arrival leaves the arm without a next point
     waits = result.facts.get('program.acknowledge') == 'default'
@@ -436,12 +449,8 @@ async def _points(run: FirstRun) -> StepResult:
     return result
 
 
-def _numbers(count: int) -> range:
-    return range(1, count + 1)
-
-
 def _buffer(counts: Sequence[float], periods: Sequence[float]) -> dict[str, Any]:
-    """Return the size of the controller's point buffer, as a number of points or a time in s.
+    """Return the size of the controller's point buffer, as a number of points or as a time, s.
 
     `counts`: the maximum number of points that were acknowledged before the arm reached them, for
     each of `periods`, the times between points, s.
@@ -459,11 +468,9 @@ def _buffer(counts: Sequence[float], periods: Sequence[float]) -> dict[str, Any]
 
 
 async def _stop(run: FirstRun) -> StepResult:
-    state, motion = await run.links()
-    here = await _where(run, state)
-    target = _target(here, 0, run)
+    state, motion, here, target = await _prepared(run)
     made = await _move_and_record(
-        run, state, motion, [target], [2.0 * WAY_S], stop_after=WAY_S / 2
+        run, state, motion, [target], [2.0 * MOVE_S], stop_after=MOVE_S / 2
     )
     result = StepResult()
     if made.start is None or made.stopped is None:
@@ -473,32 +480,38 @@ async def _stop(run: FirstRun) -> StepResult:
         result.habits.append('a STOP does not stop the arm')
     else:
         result.times['STOP to rest'] = max(made.end - made.stopped, 0.0)
-    await _move_and_record(run, state, motion, [here], [WAY_S])
+    await _move_and_record(run, state, motion, [here], [MOVE_S])
     return result
+
+
+@asynccontextmanager
+async def _asked(run: FirstRun, sentence: str) -> AsyncIterator[asyncio.Future[str]]:
+    """Ask a question while the block runs. Cancel the question if the block fails."""
+    answer = asyncio.ensure_future(run.ask(sentence))
+    try:
+        yield answer
+    except BaseException:
+        answer.cancel()
+        raise
 
 
 async def _interrupted(
     what: str, seen: Callable[[Status], bool], undo: str, run: FirstRun
 ) -> StepResult:
-    """Move joint 1 back and forth until an operator stops it. Check that the arm stays at rest."""
+    """Move joint 1 back and forth until the operator stops it.
+
+    Then check that the arm stays at rest.
+    """
     result = StepResult()
     name = what.partition(',')[0]
-    state, motion = await run.links()
-    here = await _where(run, state)
-    target = _target(here, 0, run)
-    ways = [target, here] * (BACK_AND_FORTH // 2)
-    doing = asyncio.ensure_future(
-        run.ask(f'The arm moves back and forth: {what} NOW. Then Enter: ')
-    )
-    try:
-        made = await _move_and_record(run, state, motion, ways, [WAY_S] * len(ways))
-    except BaseException:
-        doing.cancel()
-        raise
-    result.answers[name] = (await doing).strip()[:200] or 'done'
+    state, motion, here, target = await _prepared(run)
+    targets = [target, here] * (BACK_AND_FORTH // 2)
+    async with _asked(run, f'The arm moves back and forth: {what} NOW. Then Enter: ') as answer:
+        made = await _move_and_record(run, state, motion, targets, [MOVE_S] * len(targets))
+    result.answers[name] = (await answer).strip()[:200] or 'done'
     stopped_at = made.since(seen)
     if stopped_at is None:
-        result.habits.append(f'{name}: STATUS did not show it')
+        result.habits.append(f'the controller did not report the {name}')
         return result
     result.times[f'{name}: STATUS to rest'] = max(made.end - stopped_at, 0.0)
     _error_number(name, made, run, result)
@@ -521,25 +534,18 @@ def _error_number(name: str, made: TrialMove, run: FirstRun, result: StepResult)
 
 
 async def _cable(run: FirstRun) -> StepResult:
-    """Ask for the cable to be unplugged during a motion, then read the arm's position."""
     result = StepResult()
-    state, motion = await run.links()
-    here = await _where(run, state)
-    target = _target(here, 0, run)
-    doing = asyncio.ensure_future(
-        run.ask('The arm moves: pull the network cable NOW, plug it in again, then Enter: ')
-    )
-    try:
-        made = await _move_and_record(run, state, motion, [target], [2.0 * WAY_S])
-        lost = bool(state.traffic.ended or motion.traffic.ended)
-    except (NotMovedError, ConnectionError) as error:
-        lost, made = True, None
-        result.answers['cable: what was seen'] = str(error)
-    except BaseException:
-        doing.cancel()
-        raise
-    result.answers['cable'] = (await doing).strip()[:200] or 'done'
-    if made is not None and not lost:
+    state, motion, _, target = await _prepared(run)
+    sentence = 'The arm moves: pull the network cable NOW, plug it in again, then Enter: '
+    async with _asked(run, sentence) as answer:
+        try:
+            await _move_and_record(run, state, motion, [target], [2.0 * MOVE_S])
+            lost = bool(state.traffic.ended or motion.traffic.ended)
+        except (NotMovedError, ConnectionError) as error:
+            lost = True
+            result.answers['cable: what was seen'] = str(error)
+    result.answers['cable'] = (await answer).strip()[:200] or 'done'
+    if not lost:
         result.habits.append('cable: the connection was not lost, the effect of a loss is unknown')
         return result
     state = await run.state()
@@ -566,7 +572,7 @@ QUESTIONS: Mapping[str, str] = {
     'pulses_in_background.prg': 'does PPls(AglToPls(…)) work in a background task, before '
     'anything has moved?',
 }
-"""The open questions of docs/controller_program.md, by the program that answers each."""
+"""Program → open question of docs/controller_program.md that it answers."""
 
 
 async def _questions(run: FirstRun) -> StepResult:
@@ -580,7 +586,7 @@ async def _questions(run: FirstRun) -> StepResult:
 
 
 NEED_PROGRAM = ('questions', 'I/O', 'points', 'cable', 'open questions')
-"""Names of the steps that are left out for a controller with Remote Ethernet alone."""
+"""Names of the steps that are omitted for a controller that only has Remote Ethernet."""
 
 LISTEN = 'Listen to the state port. Nothing is sent.'
 LISTEN_REMOTE = 'Ask Remote Ethernet for the status and the joint positions.'
@@ -593,17 +599,14 @@ def _estopped(status: Status) -> bool:
     return status.e_stopped == TriState.TRUE
 
 
-def _held(status: Status) -> bool:
+def _motion_inhibited(status: Status) -> bool:
     return status.motion_possible == TriState.FALSE or status.drives_powered == TriState.FALSE
 
 
 def steps(joints: int, *, remote: bool = False) -> list[Step]:
-    """Return the steps for an arm with `joints` joints, in their order.
-
-    `remote`: whether the controller has Remote Ethernet alone.
-    """
+    """Return the steps. `remote`: whether the controller only has Remote Ethernet."""
     distance = f'{DEGREES:g} degrees ({SLIDE_MM:g} mm)'
-    seconds = BACK_AND_FORTH * WAY_S
+    seconds = BACK_AND_FORTH * MOVE_S
     slowly = f'joint 1 moves {distance} back and forth, slowly, for at most {seconds:g} s'
     every = [
         Step('listen', LISTEN_REMOTE if remote else LISTEN, _listen),
@@ -616,7 +619,7 @@ def steps(joints: int, *, remote: bool = False) -> list[Step]:
         *(
             Step(
                 f'joint {index + 1}',
-                f'THE ARM MOVES: joint {index + 1} moves {distance} in {WAY_S:g} s, and back.',
+                f'THE ARM MOVES: joint {index + 1} moves {distance} in {MOVE_S:g} s, and back.',
                 partial(_joint, index),
                 moves=True,
             )
@@ -643,7 +646,12 @@ def steps(joints: int, *, remote: bool = False) -> list[Step]:
         Step(
             'door',
             f'THE ARM MOVES: {slowly}. Open the safeguard during the motion.',
-            partial(_interrupted, 'door, open it', _held, 'Close it, reset, motors on, main'),
+            partial(
+                _interrupted,
+                'door, open it',
+                _motion_inhibited,
+                'Close it, reset, motors on, main',
+            ),
             moves=True,
         ),
         Step(

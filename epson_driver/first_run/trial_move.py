@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One slow motion of a real arm, point by point, with measured times.
 
-It talks to the controller directly, so that the measurements show the controller's own behaviour.
-Only small, slow motions inside the limits are sent, and a STOP ends every motion that fails.
+The controller is used directly, without the driver, so the measurements show the controller's
+behaviour alone. Only small, slow motions inside the limits are sent, and a STOP ends every motion
+that fails.
 """
 
 import asyncio
@@ -41,16 +42,15 @@ REST_S = 0.5
 
 REST_TIMEOUT_S = 15.0
 REPLY_TIMEOUT_S = 5.0
-"""Timeout of a reply in addition to the durations of the points, s."""
+"""Time after the end of the points' durations within which a reply must arrive, s."""
 
 MAX_SPEED = 0.1
-"""Maximum speed of any joint, rad/s or m/s."""
 
 MIN_VELOCITY = 0.01
 """Minimum velocity of a point, as a fraction of the maximum. SPEL+ accepts one percent or more."""
 
 FIRST_DURATION_S = 0.1
-"""Duration of the first point, at the current position, s."""
+"""Duration of the first point, which is at the current position, s."""
 
 STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
 
@@ -66,7 +66,7 @@ class TrialMove:
     * sent: when each point was sent.
     * answers: time and code of the reply to each point, or None without a reply.
     * stopped: when a STOP was sent, or None.
-    * times, positions: of the joint states, shape (k,), and shape (k, n), rad or m.
+    * times, positions: data of the joint states, shape (k,), and shape (k, n), rad or m.
     * statuses: each STATUS with its time.
     """
 
@@ -77,9 +77,12 @@ class TrialMove:
     positions: Array = field(default_factory=lambda: np.empty((0, 0)))
     statuses: list[tuple[float, Status]] = field(default_factory=list)
     measured: bool = True
-    """Whether joint states arrived during the motion. Otherwise only its two ends are known."""
+    """Whether joint states arrived during the motion.
+
+    If not, only the start and the end of the motion are known.
+    """
     lateness: float = 0.0
-    """Maximum delay of a timer on this machine, s: the uncertainty of the times."""
+    """Maximum delay of a timer on this machine, s. It is the uncertainty of the times."""
 
     @property
     def start(self) -> float | None:
@@ -107,11 +110,9 @@ class TrialMove:
 
     @property
     def moved(self) -> Array:
-        """Displacement of each joint, rad or m, shape (n,)."""
         return np.asarray(self.positions[-1] - self.positions[0])
 
     def since(self, true: Callable[[Status], bool]) -> float | None:
-        """Return the time of the first STATUS for which `true` returns True, or None."""
         return next((time for time, status in self.statuses if true(status)), None)
 
 
@@ -124,10 +125,11 @@ async def move_and_record(
     durations: Sequence[float],
     stop_after: float | None = None,
 ) -> TrialMove:
-    """Move to each target, shape (n,), rad or m, in its duration, s, and wait for rest.
+    """Move to each target within its duration, and wait until the arm rests.
 
-    `stop_after`: time from the first point with motion to a STOP, s. Raises NotMovedError before
-    anything is sent if the arm cannot move, or if a target is outside the limits or too fast.
+    `targets` have the shape (n,), rad or m, and `durations` are in s. `stop_after`: time from the
+    first point with motion to a STOP, s. Raises NotMovedError before anything is sent if the arm
+    cannot move, or if a target is outside the limits or too fast.
     """
     clock = asyncio.get_running_loop().time
     here = await _here(state, model, errors)
@@ -137,9 +139,9 @@ async def move_and_record(
     motion.link.dialect = state.traffic.packets[-1][1].dialect
     stopping: asyncio.Task[None] | None = None
     try:
-        ways = [(here, FIRST_DURATION_S), *zip(targets, durations, strict=True)]
+        points = [(here, FIRST_DURATION_S), *zip(targets, durations, strict=True)]
         before = here
-        for sequence, (target, duration) in enumerate(ways):
+        for sequence, (target, duration) in enumerate(points):
             speed = np.abs(target - before).max() / duration
             fraction = speed / float(model.limits.velocity.min())
             velocity = min(max(fraction, MIN_VELOCITY), 1.0)
@@ -179,7 +181,7 @@ async def move_by_statements(
     """Move through the targets with one statement of Remote Ethernet for each.
 
     Arguments and exceptions: see `move_and_record`. The controller replies to a statement when the
-    arm is at the target. Until then no joint states arrive.
+    arm is at its target. Before this reply, no joint states arrive.
     """
     clock, link = asyncio.get_running_loop().time, state.link
     assert isinstance(link, RemoteLink)  # noqa: S101 - for the type checker
@@ -218,7 +220,6 @@ async def move_by_statements(
 
 
 def _moving(link: RemoteLink, statement: str) -> asyncio.Future[str | Exception]:
-    """Send a statement, and return the future reply to it."""
     reply: asyncio.Future[str | Exception] = asyncio.get_running_loop().create_future()
     link.move(statement, lambda value: None if reply.done() else reply.set_result(value))
     return reply
@@ -264,7 +265,10 @@ def _check(
 
 
 async def _rest(state: Conversation, joints: int) -> None:
-    """Wait until the arm rests for REST_S, or `state` ends. Raises NotMovedError at a timeout."""
+    """Wait until the arm has been at rest for REST_S, or until `state` ends.
+
+    Raises NotMovedError after a timeout.
+    """
     clock = asyncio.get_running_loop().time
     until = clock() + REST_TIMEOUT_S
     while clock() < until:
@@ -318,7 +322,6 @@ def ahead(made: TrialMove, joint: int, delay: float) -> float:
 
 
 def rests(made: TrialMove) -> int:
-    """Return the number of rests during a motion."""
     if made.start is None:
         return 0
     inside = (made.times >= made.start) & (made.times <= made.end)

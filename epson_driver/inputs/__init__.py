@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of user input: files, parameters and arguments.
 
-Invalid input raises InputError, whose text is one sentence with place, value and rule. No other
-exception is raised for any content.
+Invalid input raises InputError. Its text is one sentence with the place, the value and the rule.
+No content raises another exception.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,10 @@ from epson_driver.inputs.rules import (
     FRAME_NAME,
     HOST,
     JOINT_NAMES,
+    VARIABLE,
+    ArgumentError,
     InputError,
+    RobotError,
     Rule,
     choice,
     count,
@@ -33,7 +36,10 @@ __all__ = [
     'HOST',
     'JOINT_NAMES',
     'MEGABYTE',
+    'VARIABLE',
+    'ArgumentError',
     'InputError',
+    'RobotError',
     'Rule',
     'choice',
     'count',
@@ -64,14 +70,12 @@ def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> 
 
 
 def yaml_value(text: str, where: str) -> Any:
-    """Return the value of a YAML text. See `yaml_file.yaml_value`."""
     from epson_driver.inputs import yaml_file
 
     return yaml_file.yaml_value(text, where)
 
 
 def yaml_line(path: Path, keys: Sequence[str]) -> int | None:
-    """Return the line of a key. See `yaml_file.yaml_line`."""
     from epson_driver.inputs import yaml_file
 
     return yaml_file.yaml_line(path, keys)

@@ -84,13 +84,12 @@ def write_file(path: Path, content: str | bytes) -> None:
 
 
 def _check_kind(mode: int) -> None:
-    """Raise OSError unless a mode has the type of a regular file."""
     if not stat.S_ISREG(mode):
         kinds = {stat.S_IFDIR: 'a folder', stat.S_IFLNK: 'a link'}
         raise OSError(f'is {kinds.get(stat.S_IFMT(mode), "a pipe or a device")}, not a file')
 
 
 def _sentence(path: Path, error: OSError | ValueError) -> str:
-    """Return an error text for a file. A ValueError means that the path is invalid."""
+    """Return the error text for a file. A ValueError means that the path is invalid."""
     why = error.strerror or error if isinstance(error, OSError) else 'cannot be the path of a file'
     return f'{printable(path)}: {why}'

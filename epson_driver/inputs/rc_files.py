@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files of RC+ projects (.sprj, .pts, IOLabels.dat, UserErrors.dat): a header and value blocks.
 
-Derived from 399 files of 52 public projects. The header is the first line. It has the size of the
-file, in bytes with CR LF, and the XOR of the little-endian 16-bit words in the remaining lines.
+The format was derived from 399 files of 52 public projects. The header is the first line. It
+contains the size of the file, in bytes with CR LF as line ends, and a checksum. The checksum is
+the XOR of the little-endian 16-bit words in the remaining lines.
 """
 
 import re
@@ -17,15 +18,16 @@ from operator import xor
 from epson_driver.inputs import InputError, decimal, printable, shown
 
 MAC = '02-00-00-00-00-00'
-"""Default for the MAC address in the header: locally administered, so it belongs to no PC."""
+"""Default for the MAC address in the header.
+
+It is locally administered, so it belongs to no PC.
+"""
 
 CRLF = '\r\n'
 _DEEPEST = 8
 
 
 class RcFileError(InputError):
-    """An error in a file, with the line and the rule."""
-
     def __init__(self, file: str, line: int, problem: str) -> None:
         super().__init__(f'{printable(file)}:{line}: {problem}')
         self.line = line
@@ -34,22 +36,20 @@ class RcFileError(InputError):
 
 @dataclass
 class Block:
-    """A named block: pairs of key and unparsed text, and nested blocks, in file order."""
+    """A named block: its keys with their unparsed texts, and its nested blocks, in file order."""
 
     name: str
     items: list['tuple[str, str] | Block'] = field(default_factory=list)
     file: str = field(default='', compare=False)
     lines: dict[str, int] = field(default_factory=dict, compare=False)
-    """Line number of each key in the file; '' is the block itself."""
+    """Line number of each key in the file. The key '' is the block itself."""
 
     def blocks(self, prefix: str) -> Iterator['Block']:
-        """Yield the nested blocks that are named `prefix` followed by a number."""
         for item in self.items:
             if isinstance(item, Block) and item.name.removeprefix(prefix).isdigit():
                 yield item
 
     def text(self, key: str, usual: str = '') -> str:
-        """Return the string of a key, or `usual` if the key is missing."""
         value = self._value(key)
         return usual if value is None else value.removeprefix('"').removesuffix('"')
 
@@ -65,7 +65,6 @@ class Block:
             raise self.fault(key, f'{key}={shown(value)}: must be a number') from None
 
     def fault(self, key: str, problem: str) -> RcFileError:
-        """Return an error about the value of a key."""
         return RcFileError(self.file, self.lines.get(key, self.lines.get('', 1)), problem)
 
     def _value(self, key: str) -> str | None:
@@ -104,7 +103,6 @@ def parsed(name: str, text: str) -> Block:
 
 
 def rendered(block: Block) -> str:
-    """Return the text of a block from `parsed`, with CR LF."""
     return ''.join(f'{line}{CRLF}' for line in _lines(block, ''))
 
 
@@ -119,7 +117,6 @@ def _lines(block: Block, indent: str) -> Iterator[str]:
 
 
 def sealed(body: Block, modified: datetime, mac: str = MAC) -> str:
-    """Return a file's text with a header that contains its size and checksum."""
     text = rendered(body)
     content = text.encode('latin-1')
     stamp = f'{modified.astimezone(UTC):%Y/%m/%d %H:%M:%S}:{modified.microsecond // 1000:03}'
@@ -144,7 +141,7 @@ def header_fault(content: bytes) -> str:
 
 
 def resealed(content: bytes) -> bytes:
-    """Return a file with LF line ends, with the size and checksum of its header corrected."""
+    """Return a file, which has LF line ends, with the correct size and checksum in its header."""
     first, _, rest = content.partition(b'\n')
     body = rest.replace(b'\n', b'\r\n')
     numbers = b'DS:%010d,CS:%05d' % (len(first) + 2 + len(body), checksum(body))
@@ -158,6 +155,6 @@ def checksum(content: bytes) -> int:
 
 
 def quoted(text: str) -> str:
-    """Return a string in file syntax, with doubled backslashes."""
+    """Return a string in the syntax of these files, with doubled backslashes."""
     doubled = text.replace('\\', '\\\\')
     return f'"{doubled}"'

@@ -12,31 +12,27 @@ from reprlib import Repr
 from typing import Any
 
 MAX_SHOWN_CHARACTERS = 200
-"""Maximum length of a value in an error text. Longer ones are shortened in the middle."""
+"""Maximum length of a value in an error text. A longer value is shortened in the middle."""
 
 MAX_JOINT_NAME_CHARACTERS = 100
-"""Maximum length of a joint's name."""
 
 MAX_HOST_CHARACTERS = 253
-"""Maximum length of a host's name (RFC 1035)."""
 
 MIN_LIKENESS = 0.8
 """Minimum similarity of two names, as computed by difflib. 1 is identical."""
 
 
 ADDRESS = re.compile('add?ress|host(name)?')
-"""Common synonyms for `ip`."""
 
 
 def near_name(name: str, known: Iterable[str]) -> str | None:
-    """Return the most similar known name, ignoring underscores and case, or None."""
     plain = {_plain(item): item for item in known}
     near = get_close_matches(_plain(name), plain, 1, MIN_LIKENESS)
     return plain[near[0]] if near else None
 
 
 def near_names(name: str, known: Sequence[str]) -> list[str]:
-    """Return all known names, those most similar to `name` first."""
+    """Return all known names, sorted by their similarity to `name`."""
     near = get_close_matches(name.lower(), known, len(known), 0.5)
     return [*near, *(item for item in known if item not in near)]
 
@@ -49,9 +45,15 @@ class InputError(ValueError):
     """Invalid input. The text is one sentence with place, value and rule."""
 
 
-class _Shortened(Repr):
-    """`repr` of any value, bounded in length and depth."""
+class RobotError(RuntimeError):
+    """A request failed. The text contains the reason and the remedy."""
 
+
+class ArgumentError(RobotError, InputError):
+    """A method was called with an invalid argument. Nothing was sent to the controller."""
+
+
+class _Shortened(Repr):
     def __init__(self) -> None:
         super().__init__()
         self.maxstring = self.maxother = self.maxlong = MAX_SHOWN_CHARACTERS
@@ -59,14 +61,16 @@ class _Shortened(Repr):
         self.maxlist = self.maxtuple = self.maxdict = 8
 
     def repr_int(self, value: int, level: int) -> str:
-        """Return the digits, or how many there are if Python refuses to convert them."""
+        """Return the digits of a number.
+
+        Return their count if Python refuses to convert the number.
+        """
         try:
             return super().repr_int(value, level)
         except ValueError:
             return f'a number of {math.ceil(value.bit_length() * math.log10(2.0))} digits'
 
     def repr_dict(self, value: dict[Any, Any], level: int) -> str:
-        """Return the items in the dict's order, because Repr would sort them."""
         if level <= 0 and value:
             return '{...}'
         items = list(value.items())
@@ -100,21 +104,27 @@ def printable(text: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A rule for a value: `read` returns the converted value, or raises."""
+    """A rule for a value. `read` returns the converted value, or raises an exception."""
 
     read: Callable[[Any], Any]
     text: str
 
     def checked(self, value: object, where: str) -> Any:
-        """Return the converted value. Raises InputError with the place, the value and the rule."""
         try:
             return self.read(value)
         except (TypeError, ValueError, KeyError, OverflowError):
             raise InputError(f'{where} = {shown(value)}: {self.text}') from None
 
+    def argument(self, value: object, name: str) -> Any:
+        """Return the checked argument of a public function. Raises ArgumentError."""
+        try:
+            return self.checked(value, name)
+        except InputError as error:
+            raise ArgumentError(str(error)) from None
+
 
 def number(low: float, high: float, unit: str = '') -> Rule:
-    """Return the rule for a finite number within bounds, which excludes true and false."""
+    """Return the rule for a finite number within bounds. It excludes true and false."""
 
     def read(value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -137,7 +147,7 @@ def decimal(text: str) -> float:
 
 
 def count(low: int, high: int) -> Rule:
-    """Return the rule for a whole number within bounds, which excludes true and false."""
+    """Return the rule for a whole number within bounds. It excludes true and false."""
 
     def read(value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int):
@@ -150,8 +160,6 @@ def count(low: int, high: int) -> Rule:
 
 
 def choice(*values: str | int) -> Rule:
-    """Return the rule for a value from a fixed set."""
-
     def read(value: Any) -> Any:
         if value not in values:
             raise ValueError
@@ -161,8 +169,6 @@ def choice(*values: str | int) -> Rule:
 
 
 def list_of(rule: Rule) -> Rule:
-    """Return the rule for a nonempty list whose values all satisfy a rule."""
-
     def read(value: Any) -> list[Any]:
         if not isinstance(value, list) or not value:
             raise TypeError
@@ -189,7 +195,7 @@ JOINT_NAMES = Rule(
     'must be a list of unique names, each of letters, digits, _, - and /, not beginning with '
     f'a digit, of at most {MAX_JOINT_NAME_CHARACTERS} characters',
 )
-"""Dots are not allowed, because joint names are parts of parameter names."""
+"""Rule for joint names. Dots are not allowed, because joint names are parts of parameter names."""
 
 _FRAME_NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*', re.ASCII)
 
@@ -206,7 +212,6 @@ FRAME_NAME = Rule(
     'must be a word of letters, digits and _, not beginning with a digit, of at most '
     f'{MAX_JOINT_NAME_CHARACTERS} characters',
 )
-"""The name of a frame in tf, without a prefix."""
 
 _LABEL = re.compile(r'[A-Za-z0-9_]([A-Za-z0-9_-]{0,61}[A-Za-z0-9_])?', re.ASCII)
 
@@ -231,4 +236,13 @@ HOST = Rule(
     'must be an IP address without leading zeros, or the name of a host: parts of 1 to 63 '
     'letters, digits and hyphens with dots between them',
 )
-"""Syntax only: whether such a host exists is not checked."""
+"""Rule for a host. It checks only the syntax, not whether the host exists."""
+
+
+def _variable(value: Any) -> str:
+    if not isinstance(value, str) or (value and not (value.isascii() and value.isidentifier())):
+        raise ValueError
+    return value
+
+
+VARIABLE = Rule(_variable, 'must be the name of an environment variable, not its value')

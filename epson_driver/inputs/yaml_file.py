@@ -3,9 +3,10 @@
 """Reads YAML files as plain data. Errors are one sentence with the line.
 
 Scalars follow YAML 1.2's core schema (https://yaml.org/spec/1.2.2/#103-core-schema), like ROS 2:
-1e3 is a number, and 1:30, 010, yes and 2026-01-01 are not 90, 8, true and a date. Keys are
-strings. Features that these files do not need are rejected: aliases (nine lines can expand to a
-billion values), tags, duplicate keys (YAML would use the last), and deep nesting.
+1e3 is a number. In contrast to YAML 1.1, 1:30 is not 90, 010 is not 8, yes is not true, and
+2026-01-01 is not a date. Keys are strings. Features that these files do not need are rejected:
+aliases (nine lines can expand to a billion values), tags, duplicate keys (YAML would use the
+last), and deep nesting.
 """
 
 import re
@@ -19,7 +20,7 @@ from epson_driver.inputs.files import MEGABYTE, read_file
 from epson_driver.inputs.rules import DECIMAL, InputError, printable, shown
 
 MAX_NESTING = 20
-"""Maximum nesting levels. Files of this package have at most 5."""
+"""Maximum number of nesting levels. Files of this package have at most 5 levels."""
 
 _Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times as fast, if available
 
@@ -89,8 +90,6 @@ def yaml_line(path: Path, keys: Sequence[str]) -> int | None:
 
 
 class _WrongError(Exception):
-    """A violated rule, with the line."""
-
     def __init__(self, event: Any, what: str) -> None:
         super().__init__(f'line {event.start_mark.line + 1}: {what}')
 
@@ -103,14 +102,12 @@ def _sentence(error: yaml.YAMLError) -> str:
 
 
 class _Open:
-    """A mapping or list that is not complete."""
-
     def __init__(self, value: dict[str, Any] | list[Any]) -> None:
         self.value = value
         self._key: str | None = None
 
     def take(self, value: Any, event: Any) -> None:
-        """Add a value, or store it as the key of the next one."""
+        """Add a value to its parent. A key is stored for the next value instead."""
         if isinstance(self.value, list):
             self.value.append(value)
         elif self._key is not None:

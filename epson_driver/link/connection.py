@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One TCP connection, which converts received bytes to packets, and a receive timeout.
+"""A TCP connection that converts received bytes to packets, and a receive timeout.
 
-The connection is an asyncio protocol instead of a stream, because a protocol handles received data
+The connection is an asyncio protocol and not a stream, because a protocol handles received data
 without waking a task first.
 """
 
@@ -15,20 +15,19 @@ from typing import Any, Protocol
 from epson_driver.simple_message import ByteOrder, FrameError, SimpleMessageError
 from epson_driver.socket_errors import reason
 
-SLICES = 8
-"""Number of parts (slices) of a ReceiveTimeout. A stall of this process counts as at most one."""
+SLICES = 8  # of a ReceiveTimeout: a stall of this process counts as at most one
 
 READING_TURNS = 2
-"""Event-loop iterations after which pending socket data has been read. The first iteration polls
-the sockets. The second one runs their callbacks after callbacks that were already queued."""
+"""Number of event-loop iterations after which pending socket data has been read. The first
+iteration polls the sockets. The second one runs their callbacks, after those already queued."""
 
 
 class ReceiveTimeout:
     """Receive timeout that ignores stalls of this process.
 
     A process that was not scheduled for a second cannot conclude that its peer was silent, because
-    messages may wait in the socket. Therefore the timeout is divided into slices. A slice counts
-    once, regardless of its duration, and pending data is read before the slice counts.
+    messages may wait in the socket. Therefore the timeout is divided into slices. Each slice
+    counts once, even if it took longer, and pending data is read before it counts.
 
     Call `restart` at the start and on each received message, and `end_slice` after each slice.
     `timeout` is in s. All methods take the event loop's time `now`, s.
@@ -41,15 +40,13 @@ class ReceiveTimeout:
         self._slice_start = 0.0
 
     def restart(self, now: float) -> None:
-        """Restart the timeout."""
         self._silent_slices, self._slice_start = 0, now
 
     def time_left(self, now: float) -> float:
-        """Return the time left in the current slice, s (≤ 0 when expired)."""
         return self._slice_start + self.slice - now
 
     def end_slice(self, now: float) -> bool:
-        """Count an expired slice, and start the next. Return whether the timeout has expired."""
+        """Count an expired slice, and start the next slice. Return whether the timeout is over."""
         self._silent_slices += 1
         self._slice_start = now
         return self._silent_slices >= SLICES
@@ -71,8 +68,7 @@ async def wait_for_silence(silence: ReceiveTimeout) -> None:
             return
 
 
-Address = tuple[str, int]
-"""IP address (version 4 or 6) and port."""
+Address = tuple[str, int]  # IP address (version 4 or 6) and port
 
 
 class WireEvent(StrEnum):
@@ -81,29 +77,23 @@ class WireEvent(StrEnum):
     OPENED = 'opened'
     SENT = 'sent'
     RECEIVED = 'received'
-    ENDED = 'ended'
-    """Closed by the controller."""
-    RESET = 'reset'
-    """Reset by the controller."""
-    CLOSED = 'closed'
-    """Closed by the client."""
+    ENDED = 'ended'  # closed by the controller
+    RESET = 'reset'  # reset by the controller
+    CLOSED = 'closed'  # closed by the client
 
 
 Tap = Callable[[WireEvent, bytes], None]
-"""Called with each step of a connection, and with the bytes on the wire for SENT and RECEIVED."""
+"""Function called with each step of a connection. For SENT and RECEIVED it gets the bytes."""
 
 
 READ_SIZE_BYTES = 65536
 MAX_FRAMES_PER_TURN = 50
-"""Maximum number of frames handled before other event-loop callbacks run. A controller that sends
-continuously must not delay the other robots of this process."""
+"""Maximum number of frames that are handled before other event-loop callbacks run. A controller
+that sends continuously must not delay the other robots of this process."""
 
 
 class AnyFramer(Protocol):
-    """Converter from bytes to packets."""
-
-    byte_order: ByteOrder | None
-    """Byte order detected from the bytes, or None before the detection."""
+    byte_order: ByteOrder | None  # detected from the bytes
 
     @property
     def unread(self) -> bytes:
@@ -113,36 +103,24 @@ class AnyFramer(Protocol):
         """Add received bytes."""
 
     def next_packet(self) -> Any | None:
-        """Return the next packet, or None if it is incomplete.
-
-        Raises SimpleMessageError if the packet is invalid, or FrameError if no later packet can be
-        read either.
-        """
+        """Return the next packet or None. Raises FrameError if no further packet can be read."""
 
 
 @dataclass(frozen=True)
 class Receivers:
-    """Callbacks of a connection, called in the event loop.
+    """Callbacks of a connection. If one raises, the connection ends, and `ended` raises this."""
 
-    If `data`, `packet` or `bad_frame` raises, the connection ends, and awaiting `Connection.ended`
-    raises the exception.
-    """
-
-    data: Callable[[bytes], None]
-    """Called with the bytes of each read, before parsing."""
-    packet: Callable[[Any], None]
-    """Called with each valid packet."""
-    bad_frame: Callable[[SimpleMessageError], None]
-    """Called for each invalid frame. After a FrameError the connection ends."""
-    event: Callable[[WireEvent], None]
-    """Called with ENDED or RESET."""
+    data: Callable[[bytes], None]  # called with the bytes of each read, before parsing
+    packet: Callable[[Any], None]  # called with each valid packet
+    bad_frame: Callable[[SimpleMessageError], None]  # after a FrameError the connection ends
+    event: Callable[[WireEvent], None]  # called with ENDED or RESET
 
 
 class Connection(asyncio.BufferedProtocol):
     """A TCP connection as an asyncio protocol. It reads nothing before `start`.
 
-    It must be created in the event loop. It ends when no complete frame arrives for
-    `receive_timeout` s (see ReceiveTimeout). None disables this timeout.
+    It must be created in the event loop. It ends if no complete frame arrives for
+    `receive_timeout` s (see ReceiveTimeout). With None, there is no timeout.
     """
 
     transport: asyncio.Transport
@@ -162,18 +140,17 @@ class Connection(asyncio.BufferedProtocol):
         self._reading_paused = False
 
     def start(self) -> None:
-        """Start receiving."""
         self._received()
         self._check_silence(READING_TURNS)
         self.transport.resume_reading()
 
     def end(self, why: str) -> None:
-        """End the connection without handling more received data. Unsent data is still sent."""
+        """End the connection. Handle no more received data, but send all unsent data."""
         self._finish(why)
         self.transport.close()
 
     def close(self, why: str) -> None:
-        """End the connection without handling more data. Set `ended` once all data is sent."""
+        """End the connection like `end`, but set `ended` only when all data has been sent."""
         self._why = why
         self.transport.close()
 
@@ -182,20 +159,15 @@ class Connection(asyncio.BufferedProtocol):
         self._finish(why)
         self.transport.abort()
 
-    # --- BufferedProtocol -------------------------------------------------------------------
-
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Store the transport, and pause reading until `start`."""
         assert isinstance(transport, asyncio.Transport)  # noqa: S101 - for the type checker
         self.transport = transport
         transport.pause_reading()
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """Return the buffer to read into."""
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Handle the bytes that were read into the buffer."""
         data = bytes(self._buffer[:nbytes])
         try:
             self._receivers.data(data)
@@ -206,11 +178,9 @@ class Connection(asyncio.BufferedProtocol):
         self._handle()
 
     def eof_received(self) -> None:
-        """Record that the controller has closed the connection."""
         self._close_of_controller()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Complete `ended` with the reason, unless it is already complete."""
         if self.ended.done():
             return
         if self._why is not None:
@@ -221,8 +191,6 @@ class Connection(asyncio.BufferedProtocol):
             if isinstance(exc, ConnectionResetError):
                 self._receivers.event(WireEvent.RESET)
             self._finish(reason(exc))
-
-    # ----------------------------------------------------------------------------------------
 
     def _handle(self) -> None:
         """Handle one batch of frames, and schedule the next batch if frames are left."""
@@ -276,8 +244,8 @@ class Connection(asyncio.BufferedProtocol):
     def _check_silence(self, turns: int) -> None:
         """End the connection if the receive timeout has expired, else schedule the next check.
 
-        The check at the end of a slice first waits `turns` iterations of the loop for pending
-        data.
+        At the end of a slice, the check first waits `turns` iterations of the loop, in which
+        pending data is read.
         """
         silence = self._silence
         if silence is None or self.transport.is_closing():

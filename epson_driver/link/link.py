@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver's side of one port of a controller: a TCP connection that is re-established."""
+"""The driver's side of one port of a controller: a TCP connection that reconnects."""
 
 import asyncio
 import contextlib
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 from epson_driver.inputs import HOST
 from epson_driver.link.connection import Address, AnyFramer, Connection, Receivers, Tap, WireEvent
-from epson_driver.link.replies import PendingReplies, PendingRequest, command_of, sequence_of
+from epson_driver.link.replies import PendingReplies, PendingRequest
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
 from epson_driver.log_lines import LogThrottle
 from epson_driver.simple_message import (
@@ -41,39 +41,35 @@ MAX_LATENCIES = 512
 
 @dataclass
 class LinkStatistics:
-    """Counters of a link since its creation."""
-
     connections: int = 0
-    connected_since: float | None = None
-    """Loop time at which the current connection was established, s, or None when not connected."""
+    connected_since: float | None = None  # loop time, s
     frames_received: int = 0
     frames_sent: int = 0
     bytes_received: int = 0
     bytes_sent: int = 0
     unsolicited_replies: int = 0
     bad_frames: Counter[str] = field(default_factory=Counter)
-    """Invalid frames by their invalid field (`length`, `comm_type`, `body`, …)."""
-    last_bad_frame: str = ''
-    """Error text of the last invalid frame, or ''."""
+    """Number of invalid frames by their invalid field (`length`, `comm_type`, `body`, …)."""
+    last_bad_frame: str = ''  # error text of the last invalid frame, or ''
     reply_latencies: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_LATENCIES))
     """Latest times from a request to its reply, s, in order of arrival."""
 
 
 CONNECT_TIMEOUT_S = 1.0
 MIN_PROVEN_UPTIME_S = 1.0
-"""Uptime, s, that resets the back-off, so that the first reconnection is immediate. A controller
-that already serves another client closes the connection sooner, and the back-off grows."""
+"""Duration of a connection after which the back-off is reset, so that the first reconnection is
+immediate, s. A controller that already serves another client closes the connection sooner, so the
+back-off grows."""
 
 MAX_UNSENT_BYTES = 65536
-"""Maximum number of unsent bytes. A controller that reads too little is disconnected before the
-next message (docs/invariants.md, 7)."""
+"""Maximum number of unsent bytes. If a controller reads too slowly, the driver disconnects before
+it sends another message (docs/invariants.md, 7)."""
 
 DIALECT_MESSAGES = (JointPosition, JointFeedback)
-"""Messages that determine the dialect. Every state server sends one of them, and its length shows
-the width of its reals."""
+"""Messages that determine the dialect. Every state server sends one of these two types, and the
+length of the message shows the width of its reals."""
 
-_TOPIC, _REPLY = CommType.TOPIC, CommType.SERVICE_REPLY
-"""Copies of the enum's members, which are several times faster to access."""
+_TOPIC, _REPLY = CommType.TOPIC, CommType.SERVICE_REPLY  # faster than the enum's members
 
 _log = logging.getLogger(__name__)
 
@@ -83,13 +79,15 @@ class Link:
 
     `run` connects, receives, and reconnects until it is cancelled. Callbacks run in the event
     loop. `on_packet` receives every topic and every unexpected reply. `on_state` receives each new
-    state and the reason.
+    state and the reason for it.
 
-    * `byte_order`: None detects it from the first bytes of each connection.
+    * `byte_order`: byte order of the controller. None: it is detected from the first bytes of each
+      connection.
     * `receive_timeout`: the connection is closed if no complete message arrives for this time, s.
       With None, only TCP keepalive detects a vanished peer.
     * `trace`: called with each step of a connection. The attribute may be set at any time.
-    * `quiet`: logs bad frames at debug level, for a port where another service may listen.
+    * `quiet`: whether bad frames are logged only at debug level, because another service may
+      listen on the port.
     * `before_connecting`: awaited before each connection attempt.
     """
 
@@ -128,26 +126,20 @@ class Link:
         )
         self._connection: Connection | None = None
         self._now: Callable[[], float]
-        """The event loop's clock, s. `run` stores it, because looking up the loop is slow."""
-        self._written: Dialect | None = None
-        """Dialect of the last message sent on this connection, or None before the first."""
-        self.attempt = 0
-        """Connection attempts since the last connection longer than MIN_PROVEN_UPTIME_S."""
-        self.failure: Exception | None = None
-        """The exception of the last connection attempt that failed, or None."""
-        self.joints_withheld = False
-        """Whether it is normal that the controller sends no joint positions in its state."""
-        self.last_received = 0.0
-        """Loop time of the last read, s."""
+        """The event loop's clock, s. `run` stores it here, because looking up the loop is slow."""
+        self._written: Dialect | None = None  # last dialect sent on this connection
+        self.attempt = 0  # since a connection longer than MIN_PROVEN_UPTIME_S
+        self.failure: Exception | None = None  # of the last attempt, if it failed
+        self.joints_withheld = False  # no joint positions are normal now
+        self.flags: tuple[str, ...] = ()  # EPSON's status flags that are set, if known
+        self.last_received = 0.0  # loop time of the last read, s
 
     @property
     def connected(self) -> bool:
-        """Whether messages can be sent."""
         return self.state is LinkState.CONNECTED
 
     @property
     def addresses(self) -> tuple[Address, Address] | None:
-        """The local and the controller's address, or None when not connected."""
         if self._connection is None:
             return None
         transport = self._connection.transport
@@ -159,16 +151,13 @@ class Link:
 
     @property
     def transport(self) -> asyncio.Transport | None:
-        """The connection's transport, or None when not connected."""
         return None if self._connection is None else self._connection.transport
 
     @property
     def unread(self) -> bytes:
-        """Received bytes of an incomplete frame."""
         return b'' if self._connection is None else self._connection.framer.unread
 
     async def run(self) -> None:
-        """Connect, and reconnect after each loss, until cancelled."""
         loop = asyncio.get_running_loop()
         self._now = loop.time
         self._step(LinkEvent.OPEN, f'connecting to {self.host}:{self.port}')
@@ -188,27 +177,22 @@ class Link:
             self._step(LinkEvent.CLOSE, 'closed')
 
     def post(self, message: Message, on_reply: Callable[[Packet, float], None]) -> PendingRequest:
-        """Send a request, and return it for `give_up`.
+        """Send a request. `on_reply` gets the reply and its time, s.
 
-        `on_reply` is called with the reply and its loop time, s. Raises ConnectionError if the
-        link is not connected or the controller does not read, or FieldError if a value does not
-        fit its field.
+        Raises ConnectionError if the link is down or the controller reads too slowly.
         """
         if self._connection is None:
             raise ConnectionError(f'{self.name} link is {self.state.value}')
-        packet = request(message)
-        data = encode(packet, self.dialect)
+        data = encode(request(message), self.dialect)
         now = self._now()
         self._written = self.dialect
         self._write(self._connection, data)
-        waiting = PendingRequest(
-            packet.msg_type, sequence_of(message), now, on_reply, command_of(message)
-        )
+        waiting = PendingRequest(message, now, on_reply)
         self._pending.add(waiting)
         return waiting
 
     def give_up(self, waiting: PendingRequest) -> None:
-        """Stop waiting for a reply. If the request has a sequence, a late reply is not matched."""
+        """Stop waiting for a reply. If the request is numbered, its late reply is ignored."""
         self._pending.give_up(waiting)
 
     def send_topic(self, message: Message) -> None:
@@ -220,11 +204,7 @@ class Link:
         self._write(self._connection, data)
 
     def follow(self, dialect: Dialect) -> None:
-        """Use the dialect (byte order, width of reals) of the state port on this port.
-
-        Reconnects if data was sent or received in another dialect, because one side has
-        misread it.
-        """
+        """Use the dialect of the state port. Reconnect if one side has misread data in another."""
         self.dialect = dialect
         if self._connection is None:
             return
@@ -244,14 +224,14 @@ class Link:
 
     @property
     def unsent(self) -> int:
-        """Number of bytes that wait because the controller has not read earlier ones."""
+        """Number of bytes that are waiting because the controller has not read earlier bytes."""
         transport = self.transport
         return 0 if transport is None else transport.get_write_buffer_size()
 
     async def _connect_and_receive(self) -> float | None:
         """Connect, and receive until the connection ends.
 
-        Return the loop time at which the connection was established, s, or None if it failed.
+        Returns the loop time at which the connection was established, or None if it was not.
         """
         loop = asyncio.get_running_loop()
         connection = Connection(self._receivers, self._new_framer(), self._receive_timeout)
@@ -264,6 +244,7 @@ class Link:
             self._step(LinkEvent.FAILED, f'{self.host}:{self.port}: {why}')
             return None
         established = loop.time()
+        self.failure = None
         _configure(connection.transport.get_extra_info('socket'))
         self._connection = connection
         self.last_received = established
@@ -321,7 +302,7 @@ class Link:
         waiting.on_reply(packet, self.last_received)
 
     def _answer(self, packet: Packet) -> None:
-        """Answer a request (REP-I0006): echo a PING, and fail any other request."""
+        """Reply to a request (REP-I0006): echo a PING, and reply FAILURE to any other request."""
         if isinstance(packet.message, Ping):
             answer = reply(Ping(packet.message.padding), ReplyCode.SUCCESS)
         else:
@@ -331,7 +312,7 @@ class Link:
                 self._write(self._connection, encode(answer, packet.dialect))
 
     def _write(self, connection: Connection, data: bytes) -> None:
-        """Send data. Raises ConnectionError, and disconnects, if the controller does not read."""
+        """Send data. If the controller does not read, disconnect and raise ConnectionError."""
         if connection.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
             why = 'the controller does not read the sent data'
             connection.abort(why)
@@ -361,10 +342,7 @@ class Link:
 
 
 def _configure(connection: socket.socket) -> None:
-    """Disable send delays, and set keepalive to detect a vanished peer within about 3 s.
-
-    Options that the platform lacks are skipped. A broken socket reports its error on reading.
-    """
+    """Disable send delays, and set keepalive to detect a vanished peer within about 3 s."""
     for level, option, value in (
         (socket.IPPROTO_TCP, 'TCP_NODELAY', 1),
         (socket.SOL_SOCKET, 'SO_KEEPALIVE', 1),

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Log messages about the state of a link: one per loss or recovery, not one per attempt.
 
-A controller that serves one client closes the connections of a second client immediately. After
-MAX_SHORT such connections, one warning is logged, and then nothing until a connection lasts.
+A controller that serves only one client closes the connections of a second client immediately.
+After MAX_SHORT such connections, a warning is logged, and then nothing until a connection lasts.
 """
 
 import asyncio
@@ -12,23 +12,16 @@ import logging
 from epson_driver.link.link import Link
 from epson_driver.link.states import LinkState
 
-SHORT_S = 0.2
-"""Duration below which a connection counts as closed immediately, s."""
-
-MAX_SHORT = 3
-"""Number of successive connections shorter than SHORT_S after which a likely cause is logged."""
+SHORT_S = 0.2  # duration below which a connection counts as closed immediately, s
+MAX_SHORT = 3  # successive short connections after which a likely cause is logged
 
 TURNED_AWAY = 'another client is connected, or its program is not running'
-"""Explanation for a controller that closes connections immediately."""
 
 _log = logging.getLogger(__name__)
 
 
 class LinkReports:
-    """Logger of one link's state.
-
-    `configured_as`: the configured controller and model, which the protocol cannot identify.
-    """
+    """Logs the state of one link. `configured_as`: the configured controller and model."""
 
     def __init__(self, link: Link, configured_as: str = '') -> None:
         self._link = link
@@ -39,10 +32,7 @@ class LinkReports:
         self._timer: asyncio.TimerHandle | None = None
 
     def log_state(self, why: str) -> None:
-        """Log the link's new state and its reason, unless it repeats a logged failure.
-
-        Must be called in the event loop on each change of the state.
-        """
+        """Log the link's new state and its reason, unless this repeats a logged failure."""
         link, loop = self._link, asyncio.get_running_loop()
         if self._timer is not None:
             self._timer.cancel()

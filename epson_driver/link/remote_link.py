@@ -4,18 +4,18 @@
 
 This one link replaces the motion link and the state link:
 
-* A SPEL+ statement is sent as `$Execute`. Its reply arrives when the statement has finished. STOP
+* A SPEL+ statement is sent as `$Execute`. The reply arrives when the statement has finished. STOP
   is sent as `$Abort`, whose reply is immediate. The arm may move until the reply to the aborted
-  statement has also arrived.
-* The state is polled with `$GetStatus`, then `$Execute,"Print Agl(1), …"`, with `period` s between
-  polls. The controller only accepts the second command while it executes nothing, in AUTO, without
-  E-stop, error or open door. Otherwise joint positions are unavailable, and `joints_withheld` is
-  set because this is no fault. The driver never substitutes joint values.
-* Replies contain the name of their command, so the replies to `$GetStatus` and `$Abort` can
+  statement has arrived, too.
+* The state is polled with `$GetStatus`, followed by `$Execute,"Print Agl(1), …"`. The time between
+  two polls is `period` s. The controller only accepts the second command in AUTO, without E-stop,
+  error or open door, and while it executes no statement. Otherwise joint positions are
+  unavailable. This is no fault, so `joints_withheld` is set. The driver invents no joint values.
+* A reply contains the name of its command, so the replies to `$GetStatus` and `$Abort` can
   overtake the reply to a running statement. A reply without a matching request ends the
   connection, because later replies could be matched wrongly.
-* The controller serves one client. If the client disconnects, the controller still completes its
-  command.
+* The controller serves one client. If the client disconnects, the controller still completes the
+  client's command.
 """
 
 import asyncio
@@ -60,25 +60,21 @@ MAX_LINE_BYTES = 8192
 
 
 class LineFramer:
-    """Splitter of bytes into lines, which end with CR, LF or both. Empty lines are dropped."""
+    """Splits bytes into lines, which end with CR, LF or both. Empty lines are dropped."""
 
     byte_order: ByteOrder | None = None
 
     def __init__(self) -> None:
-        self.unread = b''
-        """Bytes of an incomplete line."""
+        self.unread = b''  # bytes of an incomplete line
         self._lines: deque[bytes] = deque()
 
     def receive_data(self, data: bytes) -> None:
-        """Add bytes. The cost is linear in their number, even for empty lines."""
+        """Add bytes. The computing time is linear in their number, even for empty lines."""
         *lines, self.unread = (self.unread + data).replace(b'\r', b'\n').split(b'\n')
         self._lines.extend(filter(None, lines))
 
     def next_packet(self) -> str | None:
-        """Return the next line as printable text, or None if it is incomplete.
-
-        Raises FrameError if the line is too long.
-        """
+        """Return the next line as printable text, or None if it is incomplete."""
         complete = bool(self._lines)
         line = self._lines.popleft() if complete else self.unread
         if len(line) > MAX_LINE_BYTES:
@@ -89,37 +85,33 @@ class LineFramer:
         return printable(line.decode(errors='replace').strip()) if complete else None
 
 
-ABORTED_TIMEOUT_S = 2.0
-"""Timeout for the reply to an aborted statement, s, after which the link reconnects."""
+ABORTED_TIMEOUT_S = 2.0  # wait for an aborted statement's reply before reconnecting, s
 
 COMMAND_CONTINUES = (
     'the controller completes its command, unless the E-stop or the $Abort that is sent first on '
     'the next connection stops it'
 )
 
-AFTER_MOTION_S = 0.05
-"""Time between the two polls after a motion, s. Their joints show that the arm is at rest."""
+AFTER_MOTION_S = 0.05  # between two polls after a motion, whose joints show rest
 
 ONE_CLIENT = 'another Remote Ethernet client is connected, or the server is not running'
 
 _FORBID_EXECUTE = {'Test', 'Teach', 'SError', 'Safeguard', 'EStop', 'Error', 'Paused', 'Running'}
-"""GetStatus flags with which the controller does not execute a statement."""
+"""Flags of GetStatus that prevent the controller from executing a statement."""
 
 _SHOWN_CHARACTERS = 60
 
 OnReply = Callable[[str | Exception], None]
-"""Called with the value of a reply, or with a RemoteError or ConnectionError if there is none."""
+"""Function called with the value of a reply, or with the error if no reply arrives.
+
+The error is a RemoteError or a ConnectionError."""
 
 
 @dataclass(eq=False)
 class _Request:
-    """A command and the receiver of its reply."""
-
-    command: str
-    """The command without its `$`."""
+    command: str  # the command without its `$`
     on_reply: OnReply
-    sent: float = 0.0
-    """Loop time of sending, s."""
+    sent: float = 0.0  # loop time of sending, s
 
     @property
     def name(self) -> str:
@@ -127,11 +119,9 @@ class _Request:
 
 
 class RemoteLink(Link):
-    """A Link to the Remote Ethernet port.
+    """A Link to the Remote Ethernet port, which passes the polled state to `on_packet`.
 
-    The polled state is passed to `on_packet` as STATUS and JOINT_POSITION. The link is lost if no
-    reply to a state request arrives for `timeout` s, even if other replies arrive. `units`: 'rad'
-    or 'm', one per joint.
+    It is lost if no reply to a state request arrives for `timeout` s, even if others arrive.
     """
 
     def __init__(
@@ -163,29 +153,20 @@ class RemoteLink(Link):
         self._abort_time: float | None = None
         self._wake = asyncio.Event()
         self._motion_ended = False
-        self.flags: tuple[str, ...] = ()
-        """Names of the flags that were set in the last reply to GetStatus."""
 
     @property
     def moving(self) -> bool:
-        """Whether the reply to a statement that moves the arm is pending."""
         return self._motion is not None
 
     def move(self, text: str, on_reply: OnReply) -> None:
-        """Send `text`, SPEL+ statements that move the arm, as `$Execute`.
-
-        Raises ConnectionError if the link is not connected or the controller does not read.
-        """
+        """Send `text`, SPEL+ statements that move the arm, as `$Execute`."""
         self._check_login()
         self._motion = _Request(f'Execute,"{text}"', on_reply)
         self.joints_withheld = True
         self._execute(self._motion)
 
     def abort(self, on_reply: OnReply) -> None:
-        """Send `$Abort`, and drop a motion that has not been sent yet.
-
-        Raises ConnectionError if the link is not connected or the controller does not read.
-        """
+        """Send `$Abort`, and drop a motion that has not been sent yet."""
         self._check_login()
         motion = self._motion
         if motion is not None and motion in self._statements:
@@ -201,22 +182,18 @@ class RemoteLink(Link):
             raise ConnectionError(f'remote link is {self.state.value}')
 
     def post(self, message: Message, on_reply: object) -> NoReturn:
-        """Raise ConnectionError, because the Remote Ethernet port takes text only."""
         self.send_topic(message)
 
     def send_topic(self, message: Message) -> NoReturn:
-        """Raise ConnectionError, because the Remote Ethernet port takes text only."""
         raise ConnectionError(f'{message} cannot be sent to a Remote Ethernet port')
 
     def follow(self, dialect: Dialect) -> None:
         """Do nothing, because text has no byte order."""
 
     async def ask(self, command: str) -> str:
-        """Send a command, given without its `$`, and return the value of its reply.
+        """Send a command, given without its `$`, and return the reply's value.
 
-        Raises RemoteError if the controller refuses the command, and for `Execute` while the arm
-        moves. Raises ConnectionError if the link is not connected or is lost, and ValueError if
-        the command is not printable.
+        Raises RemoteError if the controller refuses the command.
         """
         if not command.isprintable():
             shown = repr(without_password(command))
@@ -248,8 +225,6 @@ class RemoteLink(Link):
             yield self.ask
         self._wake.set()
 
-    # --- the dialogue -----------------------------------------------------------------------
-
     def _new_framer(self) -> AnyFramer:
         return LineFramer()
 
@@ -278,12 +253,10 @@ class RemoteLink(Link):
                     request.on_reply(ConnectionError('the connection ended before the reply'))
 
     async def _watch_state(self) -> str:
-        """Wait until state requests get no reply for the timeout. Return why the link is lost."""
         await wait_for_silence(self._state_timeout)
         return f'silent for {self._state_timeout.timeout:g} s'
 
     async def _log_in_and_poll(self) -> str:
-        """Log in, then poll the state periodically. Return why this has ended."""
         try:
             await self._ask_state(f'Login,{self._password}')
             self._establish()
@@ -298,6 +271,7 @@ class RemoteLink(Link):
                 if self._abort_time and self._now() - self._abort_time > ABORTED_TIMEOUT_S:
                     return 'no reply to the aborted command'
         except (RemoteError, ConnectionError) as error:
+            self.failure = error
             return str(error)
 
     async def _ask_state(self, command: str) -> str:
@@ -319,7 +293,7 @@ class RemoteLink(Link):
             self._on_packet(topic(JointPosition(0, joint_data(joints))))
 
     def _execute(self, request: _Request) -> None:
-        """Send a statement once no other one runs. A controller does not queue statements."""
+        """Send a statement once no other statement runs, as a controller does not queue them."""
         self._statements.append(request)
         self._send_next()
 
@@ -365,11 +339,7 @@ class RemoteLink(Link):
 
 
 def _status(flags: Sequence[str], number: int, powered: bool | None, *, moving: bool) -> Status:
-    """Return the STATUS for the flags and error number of GetStatus.
-
-    `powered`: the state of the motors, or None if it was not polled. `moving`: whether this link
-    moves the arm.
-    """
+    """Return the STATUS for a reply to GetStatus. `powered`: None if this was not polled."""
     active = set(flags)
     motors = TriState.UNKNOWN if powered is None else TriState(powered)
     if 'EStop' in active:

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Matching of replies to pending requests, for controllers with different formats of replies.
 
-* FANUC replies with a JOINT_POSITION that has the request's sequence. EPSON's JOINT_POSITION has
-  the sequence 0. ABB replies with the request's type and no body. A reply with the sequence of a
-  pending request matches that request. Any other reply matches the oldest pending request of a
-  compatible type.
+* FANUC replies with a JOINT_POSITION that has the request's sequence number. EPSON's
+  JOINT_POSITION has the sequence number 0. ABB replies with the request's type and no body. A
+  reply with the number of a pending request matches that request. Any other reply matches the
+  oldest pending request of a compatible type.
 * FANUC also sends a second, negative reply for a point that it has acknowledged but cannot reach.
-  Therefore a reply with a recently answered sequence does not match another request.
+  Therefore a reply with a recently answered sequence number does not match another request.
 * Motoman's MOTION_REPLY contains the command of its MOTION_CTRL, or the message type of its point.
 """
 
@@ -22,6 +22,7 @@ from epson_driver.simple_message import (
     MotionReply,
     Packet,
     SpecialSequence,
+    request,
 )
 
 ANSWERED_BY: dict[int, frozenset[int]] = {
@@ -35,8 +36,8 @@ ANSWERED_BY: dict[int, frozenset[int]] = {
     ),
     MessageType.MOTION_CTRL: frozenset({MessageType.MOTION_REPLY}),
     **{
-        request: frozenset({reply, MessageType.IOCTRL_REPLY})
-        for request, reply in (
+        asked: frozenset({answer, MessageType.IOCTRL_REPLY})
+        for asked, answer in (
             (MessageType.READ_IO_BIT, MessageType.READ_IO_BIT_REPLY),
             (MessageType.WRITE_IO_BIT, MessageType.WRITE_IO_BIT_REPLY),
             (MessageType.READ_IO_GROUP, MessageType.READ_IO_GROUP_REPLY),
@@ -44,16 +45,15 @@ ANSWERED_BY: dict[int, frozenset[int]] = {
         )
     },
 }
-"""Reply types per request type. The reply to an unlisted type has the same type."""
+"""Types of the replies to each request type. The reply to an unlisted type has the same type."""
 
 STOP = int(SpecialSequence.STOP_TRAJECTORY)
 
-MAX_ANSWERED = 16
-"""Number of recently answered sequences that are remembered."""
+MAX_ANSWERED = 16  # number of recently answered sequences that are remembered
 
 MAX_PENDING = 64
-"""Maximum number of pending requests, beyond which the oldest is dropped. Usually at most one
-point and a STOP are pending."""
+"""Maximum number of pending requests. If there are more, the oldest request is dropped. Usually at
+most one point and a STOP are pending."""
 
 MAX_REPLY_AGE_S = 1.0
 """Age, s, after which a pending request is dropped when a new trajectory starts. Its reply will
@@ -62,23 +62,24 @@ not arrive any more, and the request would otherwise match a later reply."""
 
 @dataclass(slots=True, eq=False)
 class PendingRequest:
-    """A request whose reply has not arrived yet."""
-
-    msg_type: int
-    sequence: int | None
-    sent: float
-    """Loop time of sending, s."""
+    message: Message
+    sent: float  # loop time of sending, s
     on_reply: Callable[[Packet, float], None]
-    command: int | None = None
-    """Command of a MOTION_CTRL, or None for other requests."""
+
+    @property
+    def msg_type(self) -> int:
+        return request(self.message).msg_type
+
+    @property
+    def sequence(self) -> int | None:
+        return sequence_of(self.message)
 
     def may_be_answered_by(self, reply: Packet) -> bool:
-        """Return whether the type of `reply`, and its command if it is a MOTION_REPLY, match."""
-        if reply.msg_type not in ANSWERED_BY.get(self.msg_type, (self.msg_type,)):
+        msg_type, asked, answer = self.msg_type, self.message, reply.message
+        if reply.msg_type not in ANSWERED_BY.get(msg_type, (msg_type,)):
             return False
-        message = reply.message
-        expected = self.msg_type if self.command is None else self.command
-        return not isinstance(message, MotionReply) or message.command == expected
+        expected = asked.command if isinstance(asked, MotionCtrl) else msg_type
+        return not isinstance(answer, MotionReply) or answer.command == expected
 
 
 class PendingReplies:
@@ -92,7 +93,7 @@ class PendingReplies:
         return len(self._waiting)
 
     def add(self, waiting: PendingRequest) -> None:
-        """Add a request. Forget requests whose reply will not arrive any more."""
+        """Add a request, and remove requests whose replies will not arrive any more."""
         if waiting.sequence in self._answered:  # a new trajectory counts from 0 again
             self._answered.clear()
         if waiting.sequence == 0:
@@ -111,7 +112,6 @@ class PendingReplies:
         self._waiting.append(waiting)
 
     def take(self, reply: Packet) -> PendingRequest | None:
-        """Remove and return the request that matches a reply, or None if no request does."""
         result = self._find(reply)
         if result is not None:
             self._waiting.remove(result)
@@ -127,7 +127,6 @@ class PendingReplies:
                 self._answered.append(waiting.sequence)
 
     def clear(self) -> None:
-        """Remove all requests."""
         self._waiting.clear()
         self._answered.clear()
 
@@ -143,13 +142,7 @@ class PendingReplies:
 
 
 def sequence_of(message: Message) -> int | None:
-    """Return a message's `sequence` or `message_id`, or None for other messages."""
     sequence: int | None = getattr(message, 'sequence', None)
     if sequence is None:
         sequence = getattr(message, 'message_id', None)
     return sequence
-
-
-def command_of(message: Message) -> int | None:
-    """Return the command of a MOTION_CTRL, None for any other message."""
-    return message.command if isinstance(message, MotionCtrl) else None

@@ -24,8 +24,6 @@ class LinkState(Enum):
 
 
 class LinkEvent(Enum):
-    """Event that changes the state of a link."""
-
     OPEN = 'open'
     ESTABLISHED = 'established'
     FAILED = 'failed'
@@ -45,10 +43,8 @@ TRANSITIONS: dict[tuple[LinkState, LinkEvent], LinkState] = {
     (LinkState.BACKING_OFF, LinkEvent.CLOSE): LinkState.DISCONNECTED,
 }
 
-BACK_OFF = (0.0, 0.1, 0.2, 0.4, 0.8, 1.0)
-"""Time from one connection attempt to the next, s, by the number of retries."""
+BACK_OFF = (0.0, 0.1, 0.2, 0.4, 0.8, 1.0)  # waits between attempts, s
 
 
 def back_off(attempt: int) -> float:
-    """Return the time from one attempt to the next, s, after `attempt` retries."""
     return BACK_OFF[min(attempt, len(BACK_OFF) - 1)]

@@ -12,8 +12,8 @@ from epson_driver.motion.limits import Array
 from epson_driver.motion.trajectory import Trajectory
 
 MAX_COMPARED_PAIRS = 25_000_000
-"""Maximum number of pairs of a waypoint and a sample that are compared. A pair takes 4 bytes. With
-more pairs, some samples are skipped at first."""
+"""Maximum number of pairs of a waypoint and a sample. For more pairs, some samples are skipped.
+A pair needs 4 bytes."""
 
 Indices = npt.NDArray[np.intp]
 
@@ -42,9 +42,8 @@ def closest_sample_indices(waypoints: Array, positions: Array) -> Indices:
 def passed(waypoints: Array, motion: Trajectory) -> tuple[Array, Array]:
     """Return the smallest distance of a motion from each waypoint, rad, and its time, s.
 
-    Both have shape (n,). A distance is the largest difference in any joint. Between two samples
-    the motion is the cubic with their positions and velocities. Raises ValueError if the motion
-    has no velocities.
+    Both have shape (n,). A distance is the largest difference in any joint. Between samples the
+    motion is cubic. Raises ValueError if the motion has no velocities.
     """
     if motion.velocities is None:
         raise ValueError('the motion has no velocities')
@@ -61,7 +60,10 @@ def passed(waypoints: Array, motion: Trajectory) -> tuple[Array, Array]:
 
 
 def _sparing_passages(waypoints: Array, positions: Array) -> Indices:
-    """Return each waypoint's closest sample. Skip samples of a long motion first, then refine."""
+    """Return the index of each waypoint's closest sample.
+
+    In a long motion, only some samples are compared first, and then the neighbours of the result.
+    """
     stride = ceil(len(waypoints) * len(positions) / MAX_COMPARED_PAIRS)
     result = closest_sample_indices(waypoints, positions[::stride]) * stride
     if stride == 1:
@@ -76,7 +78,10 @@ def _sparing_passages(waypoints: Array, positions: Array) -> Indices:
 def _nearest(
     waypoint: Array, motion: Trajectory, velocities: Array, first: int
 ) -> tuple[float, float]:
-    """Return the smallest distance to a waypoint from sample `first` to the next, and its time."""
+    """Return the smallest distance to a waypoint between two samples, and its time.
+
+    first: index of the first of the two samples.
+    """
     dt = float(motion.times[first + 1] - motion.times[first])
     start, end = ((motion.positions[i] - waypoint, velocities[i]) for i in (first, first + 1))
     low, high = 0.0, 1.0

@@ -19,45 +19,39 @@ from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.transcription import STEPS, Problem, Search
 
 MAX_SEARCH_STEPS = 160
-"""Maximum number of steps of the search, after which it has no result."""
 
 MAX_INTERVAL_SHARE = 0.6
-"""Maximum time between two knots, as a fraction of the shortest time in which a joint reaches its
-maximum acceleration. A segment between two waypoints that takes longer is divided by knots."""
+"""Maximum time between two knots, as a fraction of the shortest acceleration ramp of a joint."""
 
 MAX_PARTS = 10
-"""Maximum number of intervals into which a segment between two waypoints is divided."""
 
 MIN_INTERVAL_S = 2e-3
-"""Minimum initial duration of an interval, s."""
+"""Minimum initial duration of an interval."""
 
 BEND_RATIO = 1.5
-"""Maximum distance of the motion from the straight line between two waypoints in any joint, as a
-multiple of the spline's distance from this line."""
+"""Maximum distance of the motion from a chord, as a multiple of the spline's distance from it."""
 
 MIN_BEND = 0.002
-"""Distance of the motion from the straight line that is always allowed, rad (or m)."""
+"""Distance from a chord that is always allowed, rad (or m)."""
 
 NEIGHBOUR_SHARE = 0.25
-"""Maximum tolerance at a waypoint, as a fraction of the distance to the nearer adjacent waypoint,
-so that the motion passes the waypoints in their order."""
+"""Maximum tolerance at a waypoint, as a fraction of the distance to the nearer neighbour."""
 
 MAX_INTERVALS = 4000
-"""Maximum number of intervals. More would take minutes."""
+"""Maximum number of intervals. A larger problem takes minutes to solve."""
 
 MAX_PATH_TOLERANCE = 0.5
-"""Maximum tolerance at a waypoint, rad (or m) in every joint."""
+"""Maximum tolerance in every joint, rad (or m)."""
 
 _PLACES = np.linspace(0.0, 1.0, 17)
-"""Positions within a segment at which a path is compared with the straight line, [0, 1]."""
 
 
 def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> JointMotion | None:
     """Return the fastest motion found through waypoints, or None if none was found.
 
     waypoints: shape (k, n), k ≥ 3, rad (or m), each different from the previous one. The motion
-    starts and ends at rest exactly at the first and last waypoint. It passes the other ones within
-    `tolerance` in every joint. It respects all limits at every instant.
+    rests exactly at the first and last waypoint, passes the others within `tolerance` in every
+    joint, and respects all limits at every instant.
     """
     start = np.zeros((1, waypoints.shape[1]))
     path = through(
@@ -88,7 +82,7 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
     problem = Problem(limits, waypoints[segment], chords[segment], bends[segment], tolerances)
     knots = np.stack([position, velocity, acceleration], axis=2)
     search = Search(problem, knots, np.maximum(np.diff(instants), MIN_INTERVAL_S))
-    with np.errstate(over='ignore', invalid='ignore'):  # a step without a result ends the search
+    with np.errstate(over='ignore', invalid='ignore'):  # a step that overflows ends the search
         try:
             return _searched(search, waypoints[0], limits)
         except np.linalg.LinAlgError:
@@ -96,14 +90,13 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
 
 
 def _searched(search: Search, start: Array, limits: JointLimits) -> JointMotion | None:
-    """Return the first converged motion that, slowed down, respects all limits, or None."""
     for _ in range(MAX_SEARCH_STEPS):
         if not search.step():
             return None
         if search.converged:
             motion = _slowed(start, *search.result(), limits)
             if motion is not None:
-                return motion  # else the motion leaves the range by rounding: search on
+                return motion  # otherwise rounding took it out of the range: continue
     return None
 
 
@@ -119,7 +112,7 @@ def _bends(path: Path) -> Array:
 
 
 def _tolerances(waypoints: Array, limits: JointLimits, tolerance: float) -> Array:
-    """Return the tolerance at each waypoint, shape (k,). It is 0 close to a position limit."""
+    """Return the tolerance at each waypoint, shape (k,), which is 0 close to a position limit."""
     lengths = np.abs(np.diff(waypoints, axis=0)).max(axis=1)
     result = np.zeros(len(waypoints))
     result[1:-1] = np.minimum(tolerance, NEIGHBOUR_SHARE * np.minimum(lengths[:-1], lengths[1:]))
@@ -131,10 +124,9 @@ def _tolerances(waypoints: Array, limits: JointLimits, tolerance: float) -> Arra
 def _slowed(
     start: Array, jerks: Array, durations: Array, limits: JointLimits
 ) -> JointMotion | None:
-    """Return the motion with given jerks, slowed down just enough to respect the limits.
+    """Return the motion slowed down just enough to respect the limits, or None if it still fails.
 
-    The result is None if the slower motion still exceeds a limit. jerks: shape (m, n, STEPS),
-    rad/s³. durations: duration of each of the m intervals, shape (m,), s.
+    jerks: shape (m, n, STEPS), rad/s³. durations: duration of each interval, shape (m,), s.
     """
     n = len(start)
     steps = np.tile(np.repeat(durations / STEPS, STEPS), (n, 1))

@@ -6,6 +6,8 @@ As in ros2_control's joint_trajectory_controller, the segment between two points
 have only positions, cubic with velocities, and quintic with accelerations.
 """
 
+from typing import TypeVar
+
 import numpy as np
 import numpy.typing as npt
 
@@ -13,14 +15,7 @@ from epson_driver.motion.limits import Array
 
 _FROM_ENDS = {
     2: np.array([[1.0, 0.0], [-1.0, 1.0]]),
-    4: np.array(
-        [
-            [1.0, 0.0, 0.0, 0.0],
-            [0.0, 1.0, 0.0, 0.0],
-            [-3.0, -2.0, 3.0, -1.0],
-            [2.0, 1.0, -2.0, 1.0],
-        ]
-    ),
+    4: np.array([[1, 0, 0, 0], [0, 1, 0, 0], [-3, -2, 3, -1], [2, 1, -2, 1]], dtype=float),
     6: np.array(
         [
             [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
@@ -32,29 +27,33 @@ _FROM_ENDS = {
         ]
     ),
 }
-"""Number of coefficients → matrix from values and derivatives at both ends of a segment to the
-coefficients of s⁰, s¹ …"""
+"""Matrices from values and derivatives at both ends to the coefficients of s⁰, s¹ …, by size."""
 
 
 _POWERS = np.arange(6)
 _FACTORS = np.array(
     [np.ones(6), _POWERS, _POWERS * (_POWERS - 1), _POWERS * (_POWERS - 1) * (_POWERS - 2)]
 )
-"""Factors of the terms of a quintic's derivatives, one row for each order from 0 to 3."""
 
 _ORDERS = np.arange(3)[:, None]
-"""Orders of the derivatives: position, velocity, acceleration."""
 
 
 ValueAndSlope = tuple[Array, Array]
-"""A value and its slope at one end of a segment."""
+
+
+Value = TypeVar('Value', float, Array)
+
+
+def after(t: Value, p: Value, v: Value, a: Value, j: Value) -> tuple[Value, Value, Value]:
+    """Return position, velocity and acceleration after a time t of constant jerk j."""
+    return p + t * (v + t * (a / 2.0 + t * j / 6.0)), v + t * (a + t * j / 2.0), a + t * j
 
 
 def hermite(start: tuple[Array, ...], end: tuple[Array, ...]) -> Array:
     """Return the coefficients of polynomials from values and derivatives at s = 0 and s = 1.
 
-    start, end: the value, and zero to two derivatives by s, each of shape (…, n). The result has
-    the coefficients of s⁰, s¹ …, and the shape (…, 2, n), (…, 4, n) or (…, 6, n).
+    start, end: the value and up to two derivatives with respect to s, each (…, n). The result has
+    the coefficients of s⁰, s¹ …, shape (…, 2 to 6, n).
     """
     # the distance instead of the end value, so that short segments lose no digits
     relative = (np.zeros_like(start[0]), *start[1:], end[0] - start[0], *end[1:])
@@ -66,16 +65,17 @@ def hermite(start: tuple[Array, ...], end: tuple[Array, ...]) -> Array:
 def polynomial(coefficients: Array, s: Array, order: int = 0) -> Array:
     """Return the values of n quintic polynomials, or of a derivative, at s, shape (m, n).
 
-    coefficients: of s⁰ … s⁵, shape (6, n). s: shape (m,). order: order of the derivative, 0 to 3.
+    coefficients: the coefficients of s⁰ … s⁵, shape (6, n). s: shape (m,). order: order of the
+    derivative, 0 to 3.
     """
     powers = s[:, None] ** np.maximum(_POWERS - order, 0)
     return np.asarray((_FACTORS[order] * powers) @ coefficients)
 
 
 def cubic(s: Array, h: Array | float, start: ValueAndSlope, end: ValueAndSlope) -> Array:
-    """Return the values at s of the cubic with given values and slopes at both ends of a segment.
+    """Return the values of a cubic of length h at fractions s of the length.
 
-    s: fraction of the segment, [0, 1]. h: length of the segment. Shapes are broadcast by numpy.
+    start, end: value and slope of the cubic at its two ends.
     """
     value: Array = (
         (1 + 2 * s) * (1 - s) ** 2 * start[0]
@@ -87,10 +87,10 @@ def cubic(s: Array, h: Array | float, start: ValueAndSlope, end: ValueAndSlope) 
 
 
 class Interpolation:
-    """Interpolation of the points of a trajectory by time.
+    """Interpolation of a trajectory's points by time.
 
-    times: shape (k,), s, strictly increasing, k ≥ 2. positions, velocities, accelerations: shape
-    (k, n), or None. Accelerations are ignored without velocities.
+    times: shape (k,), s, strictly increasing, k ≥ 2. The other arrays have shape (k, n), or are
+    None. Accelerations without velocities are ignored.
     """
 
     def __init__(
@@ -112,9 +112,9 @@ class Interpolation:
         self._factors = np.vstack([np.ones(len(k)), k, k * (k - 1.0)])
 
     def at(self, times: npt.ArrayLike) -> tuple[Array, Array, Array]:
-        """Return positions, velocities, accelerations at times, shapes (…, n).
+        """Return positions, velocities and accelerations at times between the first and the last.
 
-        times: shape (…), s, between the first and the last point.
+        The results have the shape (…, n).
         """
         times = np.asarray(times, dtype=float)
         segment = self.times.searchsorted(times, side='right') - 1
@@ -124,7 +124,7 @@ class Interpolation:
             tuple(part[segment] * h**order for order, part in enumerate(self._parts)),
             tuple(part[segment + 1] * h**order for order, part in enumerate(self._parts)),
         )
-        # s^k and its derivatives by time, shape (…, 3, k)
+        # s^k and its time derivatives, shape (…, 3, k)
         s = (times - self.times[segment])[..., None, None] / h[..., None]
         powers = self._factors * s**self._exponents / h[..., None] ** _ORDERS
         position, velocity, acceleration = np.moveaxis(powers @ coefficients, -2, 0)
@@ -132,7 +132,7 @@ class Interpolation:
 
 
 def central_differences(times: Array, values: Array) -> Array:
-    """Return derivatives of values by times, 0 at both ends, shape (k, n). times: shape (k,)."""
+    """Return the time derivatives of values, shape (k, n). They are 0 at both ends."""
     result = np.zeros_like(values)
     result[1:-1] = (values[2:] - values[:-2]) / (times[2:] - times[:-2])[:, None]
     return result

@@ -8,27 +8,28 @@ import numpy as np
 from ruckig import ControlInterface, InputParameter, Synchronization
 from ruckig import Trajectory as RuckigTrajectory
 
+from epson_driver.motion.interpolation import after
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.point_to_point import calculated, solve
 
 MAX_ATTEMPTS = 40
-"""Number of target positions that are tried for a stop with reversal. Each is twice as far from
-the position limit as the previous one."""
+"""Maximum number of attempts to stop with a reversal. Each attempt doubles the target's distance
+from the position limit."""
 
 MIN_REVERSAL = 1e-9
-"""Distance of the first of these targets from the position limit, rad."""
+"""Distance of the target from the position limit in the first attempt, rad."""
 
 STOP_TOLERANCE = 1e-12
-"""Excess of a position limit that counts as rounding in a stop, rad."""
+"""Rounding at a position limit in a stop, rad."""
 
 State = tuple[Array, Array, Array]
 """Position, velocity, acceleration of each joint, shapes (n,)."""
 
 LIMIT_TOLERANCE_SHARE = 1e-6
-"""Relative excess of a velocity, acceleration or jerk limit that counts as rounding."""
+"""Rounding at a velocity, acceleration or jerk limit, relative to it."""
 
 POSITION_TOLERANCE = 1e-11
-"""Excess of a position limit that counts as rounding, rad."""
+"""Rounding at a position limit, rad."""
 
 TARGET_TOLERANCE = 1e-9
 """Maximum distance of the end of a move from its target, rad."""
@@ -40,12 +41,9 @@ REST_SHARE = 1e-9
 class JointMotion:
     """A motion of n joints, in which each joint has k pieces of constant jerk.
 
-    * state: the initial state.
-    * durations, jerks: duration, s, and jerk, rad/s³, of each piece, shape (n, k).
-    * duration: duration of the whole motion, s.
-    * end: final position, shape (n,), rad.
-    * times: start of each piece, and the end, shape (n, k + 1), s.
-    * states: positions, velocities and accelerations at these times, shape (3, n, k + 1).
+    durations, jerks: duration, s, and jerk of each piece, shape (n, k). times: start times of the
+    pieces, and the end time, shape (n, k + 1), s. states: positions, velocities and accelerations
+    at these times, shape (3, n, k + 1).
     """
 
     def __init__(self, state: State, durations: Array, jerks: Array) -> None:
@@ -57,12 +55,12 @@ class JointMotion:
         for piece in range(pieces):
             t, j = durations[:, piece], jerks[:, piece]
             p, v, a = self.states[:, :, piece]
-            self.states[:, :, piece + 1] = _after(t, p, v, a, j)
+            self.states[:, :, piece + 1] = after(t, p, v, a, j)
         self.duration = float(self.times[:, -1].max())
         self.end: Array = self.states[0, :, -1].copy()
 
     def at(self, time: float) -> State:
-        """Return position, velocity, acceleration at a time (rest after the end), shapes (n,)."""
+        """Return the state at a time, s. After the end of the motion, the joints are at rest."""
         if time >= self.duration:
             zeros = np.zeros_like(self.end)
             return self.end.copy(), zeros, zeros.copy()
@@ -73,13 +71,25 @@ class JointMotion:
         piece[resting] -= 1
         since = time - self.times[joints, piece]
         p, v, a = self.states[:, joints, piece]
-        position, velocity, acceleration = _after(since, p, v, a, self.jerks[joints, piece])
+        position, velocity, acceleration = after(since, p, v, a, self.jerks[joints, piece])
         position[resting] = self.end[resting]
         velocity[resting] = acceleration[resting] = 0.0
         return position, velocity, acceleration
 
+    def positions(self, times: Array) -> Array:
+        """Return the positions at m times, ≥ 0 s, shape (m, n)."""
+        ends, last = self.times[:, 1:], self.jerks.shape[1]
+        piece = np.sum(ends <= times[:, None, None], axis=2)
+        resting = piece == last
+        piece[resting] -= 1
+        joints = np.arange(len(self.end))
+        since = times[:, None] - self.times[joints, piece]
+        p, v, a = self.states[:, joints, piece]
+        position = after(since, p, v, a, self.jerks[joints, piece])[0]
+        result: Array = np.where(resting, self.end, position)
+        return result
+
     def within(self, limits: JointLimits) -> bool:
-        """Return whether the motion respects all limits at every instant, and ends at rest."""
         _, velocity, acceleration = self.states
         return bool(
             np.all(np.abs(velocity[:, -1]) <= REST_SHARE * limits.velocity)
@@ -103,7 +113,7 @@ class JointMotion:
         p, v, a = self.states[:, :, :-1]
         with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
             fastest = _between(-a / j, t)
-        speeds = np.concatenate([velocity, _after(fastest, p, v, a, j)[1]], axis=1)
+        speeds = np.concatenate([velocity, after(fastest, p, v, a, j)[1]], axis=1)
         return (
             float(np.max(np.abs(speeds).max(axis=1) / limits.velocity)),
             float(np.max(np.abs(acceleration).max(axis=1) / limits.acceleration)),
@@ -120,17 +130,9 @@ class JointMotion:
             root = -(a + np.copysign(np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0)), a))
             reversals = (_between(root / j, t), _between(2.0 * v / root, t))
         places = np.concatenate(
-            [self.states[0], *(_after(reversal, p, v, a, j)[0] for reversal in reversals)], axis=1
+            [self.states[0], *(after(reversal, p, v, a, j)[0] for reversal in reversals)], axis=1
         )
         return places.min(axis=1), places.max(axis=1)
-
-
-def _after(t: Array, p: Array, v: Array, a: Array, j: Array) -> State:
-    return (
-        p + t * (v + t * (a / 2.0 + t * j / 6.0)),
-        v + t * (a + t * j / 2.0),
-        a + t * j,
-    )
 
 
 def _between(times: Array, durations: Array) -> Array:
@@ -140,10 +142,9 @@ def _between(times: Array, durations: Array) -> Array:
 
 
 def stop_joints(limits: JointLimits, state: State) -> JointMotion:
-    """Return the fastest stop of each joint separately, from a state within the limits.
+    """Return the fastest stop of each joint separately.
 
-    A joint whose fastest stop would pass its position limit brakes harder, reverses, and comes to
-    rest within the limit.
+    A joint whose fastest stop would pass its position limit brakes harder and reverses.
     """
     joints = enumerate(zip(*state, strict=True))
     return motion_of(state, [_stop(limits, joint, own) for joint, own in joints])
@@ -186,8 +187,8 @@ def _within(trajectory: RuckigTrajectory, low: float, high: float) -> bool:
 def fastest_stop(limits: JointLimits, state: State) -> JointMotion:
     """Return the fastest stop in which all joints end together, within the limits.
 
-    If a joint would leave its position limits, all joints stop independently, as fast as each can.
-    If a joint would still leave them, it reverses (see `stop_joints`).
+    If a joint would leave its position limits in this stop, all joints stop independently. A joint
+    that would still leave its limits reverses (see `stop_joints`).
     """
     motion = None
     for motion in _stops(limits, state):
@@ -214,7 +215,7 @@ def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotio
     """Return the fastest move to rest at `target`, or None if it would exceed a limit."""
     inp = _ruckig_input(limits, state)
     corrected = target
-    for _ in range(2):  # Ruckig may miss by 1e-8 rad, which the second target corrects
+    for _ in range(2):  # Ruckig may miss the target by 1e-8 rad: the second attempt corrects this
         inp.target_position = corrected.tolist()
         motion = _solved(inp, state)
         if motion is None:
@@ -227,11 +228,7 @@ def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotio
 
 
 def _ruckig_input(limits: JointLimits, state: State) -> InputParameter:
-    """Return Ruckig's input for a motion from a state.
-
-    If the state exceeds a limit by rounding, the limit is raised to it, because clipping the state
-    would be a jump.
-    """
+    """Return Ruckig's input. Limits that the state exceeds by rounding are raised to the state."""
     inp = InputParameter(len(limits.names))
     position, velocity, acceleration = state
     inp.current_position = position.tolist()

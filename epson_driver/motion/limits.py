@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The joint limits that every commanded motion respects (docs/invariants.md, 2)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,16 +11,15 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 ROUNDING = {'rad': 5e-5, 'm': 5e-6}
-"""Maximum amount by which an arm at rest at a limit may report a position beyond it, by unit. The
-controller counts encoder pulses and sends float32. The limits in the URDF are wider by this
-amount."""
+"""Maximum excess of the reported position of a joint at its position limit, by unit: the
+controller counts encoder pulses and sends float32. The limits in the URDF are wider by this."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
     """Limits of n joints: arrays of shape (n,), in rad, rad/s, rad/s², rad/s³ (or m …).
 
-    units: 'rad' or 'm', one per joint, by default all rad. Raises ValueError if the lengths
+    units: 'rad' or 'm' for each joint, by default 'rad'. Raises ValueError if the lengths
     differ, a number is not finite, a range is empty, or a limit is not positive.
     """
 
@@ -58,11 +57,10 @@ class JointLimits:
 
     @cached_property
     def rounding(self) -> Array:
-        """ROUNDING for each joint's unit, shape (n,)."""
         return np.array([ROUNDING[unit] for unit in self.units])
 
     def settled(self, positions: Array) -> Array:
-        """Return positions, shape (…, n), clipped if beyond a limit by at most ROUNDING."""
+        """Return positions, shape (…, n), clipped where they exceed a limit by rounding only."""
         low, high = self.position_min, self.position_max
         rows = positions.reshape(-1, positions.shape[-1])
         if not rows.size or (np.all(rows.min(axis=0) >= low) and np.all(rows.max(axis=0) <= high)):
@@ -70,13 +68,24 @@ class JointLimits:
         near = (positions >= low - self.rounding) & (positions <= high + self.rounding)
         return np.where(near, np.clip(positions, low, high), positions)
 
+    def scaled(self, speed: float, acceleration: float) -> 'JointLimits':
+        """Return the limits multiplied by fractions, (0, 1].
+
+        `speed` applies to the velocity, `acceleration` to the acceleration and the jerk.
+        """
+        return replace(
+            self,
+            velocity=self.velocity * speed,
+            acceleration=self.acceleration * acceleration,
+            jerk=self.jerk * acceleration,
+        )
+
     @property
     def rad_per_unit(self) -> Array:
         """Factor from each joint's unit to rad, for comparing joints, shape (n,).
 
-        It is 1 for a revolute joint. For a prismatic joint it is the velocity limit of the first
-        revolute joint divided by the joint's own, rad/m, so that moves of
-        equal duration have equal lengths.
+        For a prismatic joint, the factor is the velocity limit of the first revolute joint divided
+        by the prismatic joint's, so that moves of equal duration have equal lengths.
         """
         revolute = [unit == 'rad' for unit in self.units]
         fastest = self.velocity[revolute.index(True)] if any(revolute) else 1.0

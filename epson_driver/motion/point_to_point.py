@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Straight moves in joint space from rest to rest, like SPEL+'s `Go`, and stops on their line.
 
-All joints start and end together. A move is one jerk-limited motion along the line, limited by the
-most restrictive joint.
+All joints start and end together. A move is a single jerk-limited motion along the line. The joint
+with the most restrictive limits determines its duration.
 """
 
 from dataclasses import dataclass
@@ -16,15 +16,14 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.trajectory import Trajectory, sample_times
 
 LESS_JERK = 1.0 - 1e-9
-"""Factor of the jerk limits in the second attempt, after Ruckig has found no solution."""
+"""Factor of the jerk limits in the second attempt."""
 
 
 def calculated(inp: InputParameter) -> RuckigTrajectory | None:
     """Return the trajectory that Ruckig finds, or None if it finds none.
 
-    Ruckig misses some solutions: if v = a² / j or similar holds exactly, e.g. for round numbers,
-    or if the duration of the synchronized joints is exactly the duration that one joint needs.
-    Therefore a second attempt uses slightly lower jerk limits.
+    Ruckig misses some solutions, e.g. if v = a² / j holds exactly, or if a joint needs exactly the
+    synchronized duration. A second attempt with slightly lower jerk limits finds them.
     """
     trajectory = _calculated(inp)
     if trajectory is None:
@@ -45,18 +44,17 @@ def _calculated(inp: InputParameter) -> RuckigTrajectory | None:
 
 
 SHORTEST_MOVE_S = 0.01
-"""Minimum duration of a trajectory, s. A move to the current position takes this long."""
+"""Duration of a move to the current position."""
 
 SAMPLE_PERIOD_S = 0.05
-"""Time between two points, s, for a controller that interpolates positions and velocities."""
+"""Time between points for a controller that interpolates positions and velocities."""
 
 LONGEST_SEGMENT_S = 0.5
-"""Maximum time between two points, s, for other controllers. It is long because some of them stop
-at each point. It is not longer because a point cannot be slowed down after it has been sent."""
+"""Maximum time between points for other controllers, some of which stop at each point. It is short
+because the driver cannot slow down a point that it has sent."""
 
 MIN_MOVE = 1e-9
-"""If the joint that moves farthest moves less than this, rad, the move counts as having no
-length."""
+"""Minimum distance of the joint that moves farthest, rad. A shorter move counts as no move."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,14 +74,13 @@ class Pieces:
 
 
 SPEED_HALVINGS = 20
-"""Number of bisection steps to find the speed for a given duration, with an error of 1e-6."""
+"""Number of bisection steps in the search for the speed of a given duration. The error is 1e-6."""
 
 
 class LineMotion:
-    """A motion along a line in joint space, as a function of the time since its start.
+    """A motion along a line in joint space, from `origin` to `end`, in `duration` s.
 
-    At a distance s, the joints are at origin + s · direction. `origin`, `direction` and the final
-    position `end` have shape (n,). `duration` is in s. `go` and `stop` create such motions.
+    At a distance s, the joints are at origin + s · direction.
     """
 
     def __init__(
@@ -103,7 +100,7 @@ class LineMotion:
 
     @property
     def braking(self) -> float:
-        """Time at which the deceleration starts, s, for a move from rest to rest."""
+        """Time at which the deceleration of a move from rest to rest starts, s."""
         if self._trajectory is None:
             return 0.0
         times = self._trajectory.profiles[0][0].t
@@ -113,12 +110,9 @@ class LineMotion:
 
     @property
     def pieces(self) -> Pieces:
-        """The motion along the line, as pieces of constant jerk.
-
-        Raises ValueError if the move has no length.
-        """
+        """The motion along the line, as pieces. Raises ValueError if it ends where it starts."""
         if self._trajectory is None:
-            raise ValueError('a move of no length has no pieces')
+            raise ValueError('a move that ends where it starts has no pieces')
         profile = self._trajectory.profiles[0][0]
         times = np.concatenate([[0.0], np.cumsum(profile.t)])
         velocities, accelerations = np.array(profile.v), np.array(profile.a)
@@ -127,7 +121,7 @@ class LineMotion:
         return Pieces(times, np.array(profile.p), velocities, accelerations, jerks)
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
-        """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
+        """Return position, velocity, acceleration of each joint, shapes (n,)."""
         if self._trajectory is None or time >= self.duration:
             zeros = np.zeros_like(self.end)
             return self.end.copy(), zeros, zeros.copy()
@@ -138,15 +132,13 @@ class LineMotion:
     def points(self, period: float, *, with_start: bool = True) -> Trajectory:
         """Return the motion as points at most `period` s apart.
 
-        `with_start`: include the point at 0 s. Raises ValueError if there would be more than
-        MAX_POINTS.
+        Raises ValueError if there would be more than MAX_POINTS.
         """
         times = sample_times(max(self.duration, SHORTEST_MOVE_S), period)[0 if with_start else 1 :]
         positions, velocities, _ = zip(*(self.at(time) for time in times.tolist()), strict=True)
         return Trajectory(self._limits.names, times, np.array(positions), np.array(velocities))
 
     def stop(self, time: float) -> 'LineMotion':
-        """Return the fastest stop along the line from this motion's state at `time`."""
         if self._trajectory is None or time >= self.duration:
             return LineMotion(self._limits, self.end, self.direction, None, self.end)
         state = self._trajectory.at_time(max(time, 0.0))
@@ -192,18 +184,15 @@ def straight(
     *,
     sampled: bool,
 ) -> Trajectory:
-    """Return the fastest straight move in joint space from rest to rest, as points.
+    """Return the same move as `go`, as points. Raises the same errors as `go`.
 
-    `speed`, `acceleration`: fractions of the limits, as in `go`. `sampled`: whether the points are
-    for a controller that interpolates positions and velocities. Raises ValueError if an argument
-    is invalid or the target is outside the position limits.
+    `sampled`: whether the controller interpolates with velocities, and therefore needs samples.
     """
     period = SAMPLE_PERIOD_S if sampled else LONGEST_SEGMENT_S
     return go(limits, start, target, speed, acceleration).points(period, with_start=sampled)
 
 
 def check_fractions(speed: float, accel: float) -> None:
-    """Raise ValueError if a fraction is not in (0, 1]."""
     for name, value in (('speed', speed), ('accel', accel)):
         if not 0.0 < value <= 1.0:
             raise ValueError(f'{name} = {value}: must be in (0, 1]')
@@ -232,10 +221,9 @@ def _check_vector(name: str, vector: Array, limits: JointLimits) -> None:
 def go_in(
     limits: JointLimits, start: Array, target: Array, duration: float, speed: float, accel: float
 ) -> LineMotion:
-    """Return the move of `go`, slowed down to take `duration` s.
+    """Return the same move as `go`, but slowed down to take at least `duration` s.
 
-    It takes longer if `speed` and `accel` require this. Raises ValueError if an argument is
-    invalid or the target is outside the position limits.
+    Raises the same errors as `go`.
     """
     motion = go(limits, start, target, speed, accel)
     low, high = 0.0, speed

@@ -18,12 +18,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from epson_driver.motion.interpolation import after
 from epson_driver.motion.joint_motion import JointMotion, State, fastest_move, fastest_stop
 from epson_driver.motion.limits import Array, JointLimits
 
 RANGE_MARGIN = 1e-9
-"""Distance from the ends of a joint's range to which targets are clipped, rad or m, because of
-rounding."""
+"""Minimum distance of targets from the ends of a joint's range, rad or m, because of rounding."""
 
 ROUNDING = 1e-10
 """Change of a constant target below which no new motion starts, rad or m."""
@@ -35,15 +35,14 @@ POLE = 25.0
 """Rate of convergence to the stream, 1/s. The jerk caused by noise grows with its cube."""
 
 VELOCITY_POLE = 40.0
-"""Rate of convergence to a commanded velocity, 1/s. It is higher than POLE, because noise of
+"""Rate of convergence to a commanded velocity, 1/s. It is higher than POLE, because noise of the
 positions has no effect."""
 
 BISECTIONS = 12
-"""Bisection steps in the search for the allowed jerk, or its duration."""
 
 RETURN_S = 0.3
-"""Maximum time by which a motion to rest at the last setpoint may take longer than a plain stop,
-s. It is enough to return after an overshoot, even after the fastest streams."""
+"""Maximum time to come to rest at the last setpoint, in addition to the time of a plain stop, s.
+It is enough to return after an overshoot of the fastest streams."""
 
 LANDING_SHARE = 0.2
 """Fraction of the acceleration and jerk limits for the final motion to a constant setpoint."""
@@ -55,8 +54,8 @@ LANDING_S = 0.15
 def servo_limits(limits: JointLimits, fraction: float, stop_within: float) -> JointLimits:
     """Return the limits for following setpoints: a fraction (0, 1] of the joint limits.
 
-    Velocities are reduced further if a stop with the full limits would take over `stop_within` s,
-    because the controller receives setpoints only this long in advance.
+    A velocity is reduced further if a stop from it with the full limits would take more than
+    `stop_within` s, because the controller receives setpoints only this long in advance.
     """
     a, j = limits.acceleration, limits.jerk
     ramps = a / j
@@ -72,7 +71,7 @@ def servo_limits(limits: JointLimits, fraction: float, stop_within: float) -> Jo
 
 
 def stopping_distance(limits: JointLimits, velocity: Array) -> Array:
-    """Return the signed distance that the fastest stop takes from each velocity, shape (n,)."""
+    """Return the signed distance of the fastest stop from each joint's velocity, shape (n,)."""
     speed = np.abs(velocity)
     a, j = limits.acceleration, limits.jerk
     time = np.where(speed <= a * a / j, 2.0 * np.sqrt(speed / j), speed / a + a / j)
@@ -81,15 +80,14 @@ def stopping_distance(limits: JointLimits, velocity: Array) -> Array:
 
 
 _State = tuple[float, float, float]
-"""Position, velocity and acceleration of one joint."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ServoTarget:
-    """State of the stream at the end of a step, and bounds of the motion, shapes (n,).
+    """State of the stream at the end of a step, shapes (n,).
 
-    low, high: bounds of the positions, which a joint does not pass if it can still stop before
-    them. A target beyond a joint's range is clipped.
+    low, high: position bounds. A joint that can still stop before its bound does not pass it. A
+    target outside a joint's range is clipped.
     """
 
     position: Array
@@ -106,7 +104,6 @@ class ServoTarget:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether the target does not move."""
         return not (np.any(self.velocity) or np.any(self.acceleration))
 
 
@@ -143,7 +140,6 @@ class SetpointTracker:
 
     @property
     def state(self) -> State:
-        """Current position, velocity and acceleration, shapes (n,)."""
         return self.motion.at(self.time)
 
     @property
@@ -153,19 +149,17 @@ class SetpointTracker:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the executed motion has ended."""
         return self.time >= self.motion.duration
 
     def step(self, dt: float) -> State:
-        """Advance time by `dt` ≥ 0 s and return the new state."""
         self.time += dt
         return self.state
 
     def follow(self, dt: float, aim: ServoTarget, speed: float | Array = 1.0) -> None:
-        """Follow the stream, whose state at the end of the next step is `aim`.
+        """Set the next step, of `dt` > 0 s, to follow the stream.
 
-        `dt`: duration of the step, > 0 s. `speed`: fraction (0, 1] of the velocity limits, for all
-        joints or for each, shape (n,).
+        `aim`: state of the stream at the end of this step. `speed`: fraction (0, 1] of the
+        velocity limits, one number for all joints, or one per joint, shape (n,).
         """
         target = np.clip(aim.position, self._low, self._high)
         if aim.is_at_rest and self._moves_to_constant(target, aim):
@@ -198,7 +192,7 @@ class SetpointTracker:
         self._execute(self._stepped(state, dt, jerk, fastest, low, high), final=False)
 
     def move(self, dt: float, velocities: Array) -> None:
-        """Follow commanded velocities, shape (n,), rad/s or m/s, for a step of `dt` > 0 s."""
+        """Follow commanded velocities, shape (n,), for a step of `dt` > 0 s."""
         fastest = self.limits.velocity
         target = np.clip(velocities, -fastest, fastest)
         if np.all(np.abs(target) < MIN_SPEED_SHARE * fastest):
@@ -209,11 +203,9 @@ class SetpointTracker:
         self._execute(self._stepped(state, dt, jerk, fastest, self._low, self._high), final=False)
 
     def brake(self, target: Array | None = None, speed: float | Array = 1.0) -> None:
-        """Come to rest, at `target`, shape (n,), if possible.
+        """Come to rest, at `target` if this takes at most RETURN_S longer than a plain stop.
 
-        Without a target, stop as fast as possible. Do the same if the motion to the target takes
-        over RETURN_S longer than this stop. `speed`: fraction (0, 1] of the velocity limits for
-        the motion to the target, for all joints or for each, shape (n,).
+        `target`: shape (n,). `speed`: fraction (0, 1] of the velocity limits for the motion to it.
         """
         if self._final:
             return
@@ -228,10 +220,10 @@ class SetpointTracker:
         self._execute(motion, final=True)
 
     def land(self, target: Array, margin: float) -> None:
-        """Come to rest at `target`, shape (n,).
+        """Come to rest at `target`, shape (n,), if a move there respects the limits.
 
-        The motion is gentle if it then takes at most LANDING_S and overshoots by at most `margin`.
-        If no move to the target respects the limits now, the current motion continues.
+        The move only uses LANDING_SHARE of the limits if it then takes at most LANDING_S and
+        overshoots by at most `margin`.
         """
         rest = np.zeros_like(target)
         aim = ServoTarget(target, rest, rest, target - margin, target + margin)
@@ -241,10 +233,7 @@ class SetpointTracker:
                 self._execute(motion, final=True)
 
     def _moves_to_constant(self, target: Array, aim: ServoTarget) -> bool:
-        """Start the final motion to a constant target, if it is short and within the bounds.
-
-        Return whether the joints are at the target or execute a motion to it.
-        """
+        """Return whether the joints are at the target, or execute a short final motion to it."""
         if self._final and float(np.abs(target - self.motion.end).max()) < ROUNDING:
             return True
         motion = fastest_move(self._gentle, self.state, target)
@@ -261,10 +250,7 @@ class SetpointTracker:
     def _stepped(
         self, state: State, dt: float, jerks: Array, fastest: Array, low: Array, high: Array
     ) -> JointMotion:
-        """Return a step of `dt` s with jerks close to `jerks`, shape (n,), followed by a stop.
-
-        fastest: velocity limits. low, high: bounds of the positions. All have shape (n,).
-        """
+        """Return a step of `dt` s with jerks close to `jerks`, followed by a stop. Shapes (n,)."""
         durations, used = [], []
         rows = (*state, self.limits.acceleration, self.limits.jerk, fastest, low, high, jerks)
         for p, v, a, max_acceleration, max_jerk, speed, lowest, highest, desired in zip(
@@ -272,7 +258,7 @@ class SetpointTracker:
         ):
             joint = _Joint(dt, max_acceleration, max_jerk, speed)
             jerk, time = joint.step((p, v, a), desired, lowest, highest)
-            stop = joint.stop(v + time * (a + time * jerk / 2.0), a + time * jerk)
+            stop = joint.stop(*after(time, p, v, a, jerk)[1:])
             durations.append([time, *(item for item, _ in stop)])
             used.append([jerk, *(item for _, item in stop)])
         return JointMotion(state, np.array(durations), np.array(used))
@@ -308,7 +294,7 @@ class _Joint:
     def step(self, state: _State, jerk: float, low: float, high: float) -> tuple[float, float]:
         """Return the allowed jerk nearest to `jerk`, and its duration, s.
 
-        The duration is less than `dt` if the joint must start its stop before the end of the step.
+        The duration is less than `dt` if the joint must start its stop before the step ends.
         """
         a = state[2]
         minimum = max(-self.jerk, (-self.acceleration - a) / self.dt)
@@ -326,12 +312,12 @@ class _Joint:
                     good = middle
                 else:
                     bad = middle
-            if self._direction(*_after(*state, self.dt, good)[1:]) == self._direction(*state[1:]):
+            if self._direction(*after(self.dt, *state, good)[1:]) == self._direction(*state[1:]):
                 return good, self.dt
             break  # after a whole step with this jerk, the stop would reverse the joint
         returns = jerk * self._direction(*state[1:]) < 0.0
         if returns and not self._respects(0.0, 0.0, state, low, high):
-            return jerk, self.dt  # the joint passes the bound in any case, and already returns
+            return jerk, self.dt  # the joint cannot stop before the bound, and already returns
         short, long = 0.0, self.dt
         for _ in range(BISECTIONS):
             middle = (short + long) / 2.0
@@ -342,12 +328,9 @@ class _Joint:
         return jerk, short
 
     def _respects(self, time: float, jerk: float, state: _State, low: float, high: float) -> bool:
-        """Return whether constant jerk for `time` s, followed by a stop, respects all limits.
-
-        low, high: bounds of the position.
-        """
+        """Return whether constant jerk for `time` s, followed by a stop, respects all limits."""
         p, v, a = state
-        _, v1, a1 = _after(p, v, a, time, jerk)
+        _, v1, a1 = after(time, p, v, a, jerk)
         speeds = [v1, v1 + a1 * abs(a1) / (2.0 * self.jerk)]
         if a * a1 < 0.0:
             speeds.append(v - a * a / (2.0 * jerk))
@@ -356,7 +339,7 @@ class _Joint:
         for span, item in ((time, jerk), *self.stop(v1, a1)):
             if span > 0.0:
                 before = p, v, a
-                p, v, a = _after(p, v, a, span, item)
+                p, v, a = after(span, p, v, a, item)
                 if not low <= p <= high:
                     return False
                 if before[1] * v < 0.0 and not low <= _turn(*before, item) <= high:
@@ -380,13 +363,9 @@ class _Joint:
         return rise, full, (brake / jerk, direction * jerk)
 
 
-def _after(p: float, v: float, a: float, t: float, j: float) -> tuple[float, float, float]:
-    return p + t * (v + t * (a / 2.0 + t * j / 6.0)), v + t * (a + t * j / 2.0), a + t * j
-
-
 def _turn(p: float, v: float, a: float, j: float) -> float:
     """Return the position at which a joint with constant jerk reverses next."""
     root = math.copysign(math.sqrt(max(a * a - 2.0 * j * v, 0.0)), v)
     # use the form of the root without cancellation
     time = -(a + root) / j if a * v > 0.0 else 2.0 * v / (root - a)
-    return _after(p, v, a, time, j)[0]
+    return after(time, p, v, a, j)[0]

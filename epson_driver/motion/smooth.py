@@ -12,7 +12,6 @@ from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.trajectory import Trajectory, problems
 
 MAX_MENTIONED_PROBLEMS = 3
-"""Maximum number of problems of a trajectory listed in an error text."""
 
 
 def smooth(
@@ -30,9 +29,10 @@ def smooth(
     """Return a smooth motion from rest to rest through waypoints, one point every `period` s.
 
     waypoints: shape (k, n), rad (or m), with the joints in the order of the limits. times:
-    commanded time of each waypoint, shape (k,), s, respected where the limits allow it. With None,
-    the motion is as fast as the limits allow. `smoothed` describes the other arguments. Raises
-    ValueError if an argument is invalid or the motion would exceed a limit.
+    commanded time of each waypoint, shape (k,), s. The motion respects these times where the
+    limits allow it. Without times, the motion is as fast as the limits allow. `smoothed` describes
+    the other arguments. Raises ValueError if an argument is invalid or the motion would exceed a
+    limit.
     """
     from epson_driver.motion.smoothed import smoothed  # most programs need no smoother
     from epson_driver.motion.smoother import Mode, plan

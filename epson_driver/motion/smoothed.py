@@ -19,20 +19,17 @@ from epson_driver.motion.smoother.waypoints import MIN_DWELL_S, MIN_MOVE, Waypoi
 from epson_driver.motion.trajectory import Trajectory
 
 MIN_TOLERANCE = 2.0 * MERGE_TOLERANCE
-"""Minimum tolerance of `denoised`, rad (or m). Half of it is reserved for the smoother, which
-merges points that are close together."""
+"""Minimum tolerance of `denoised`, rad (or m). The smoother uses half of it to merge points."""
 
 STIFFNESS = 1e3
-"""Weight of the accelerations relative to the deviations. It averages about 20 points."""
+"""Weight of the accelerations relative to the deviations. It averages over about 20 points."""
 
 FIXED_WEIGHT = 1e12
-"""Weight of a point that must not move, and maximum of all weights."""
+"""Weight of a point whose position must not change. No weight is larger."""
 
 MAX_ROUNDS = 40
-"""Maximum number of increases of the weights."""
 
 MIN_GROWTH_RATIO = 1.2
-"""Square root of the minimum factor by which a weight is increased."""
 
 
 def denoised(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> Trajectory:
@@ -43,12 +40,13 @@ def denoised(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> T
 
         minimise   Σ wᵢ (pᵢ - qᵢ)² + STIFFNESS · ∫ p̈² dt,
 
-    where the integral is computed from second differences. The weights w start at 1 and grow where
-    a point deviates by more than the tolerance, until none does. A remaining excess is clipped.
+    where the integral is computed from second differences. The weights w start at 1. While points
+    deviate by more than the tolerance, their weights are increased. A remaining excess is clipped.
 
-    The smoother's motion through the points p is within `tolerance`, rad (or m), of the points q
-    in each joint. The ends, and points that command a rest, are unchanged. The joints are in the
-    order of the limits. Raises ValueError if the tolerance is below MIN_TOLERANCE.
+    The smoother's motion through the points p deviates from each point q by at most `tolerance`,
+    rad (or m), in each joint. The two ends do not change, nor does a point at which the arm must
+    rest. The joints are in the order of the limits. Raises ValueError if the tolerance is below
+    MIN_TOLERANCE.
     """
     if not tolerance >= MIN_TOLERANCE:  # NaN too
         raise ValueError(f'the tolerance {tolerance} rad must be {MIN_TOLERANCE:g} or more')
@@ -69,9 +67,9 @@ def denoised(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> T
 
 
 def _bending(gaps: Array) -> tuple[Array, Array, Array]:
-    """Return the main and two upper diagonals of the matrix M of STIFFNESS · ∫ p̈² dt = pᵀ M p.
+    """Return the diagonals of M in STIFFNESS · ∫ p̈² dt = pᵀ M p.
 
-    gaps: times between two points, in units of the mean, shape (k,).
+    gaps: times between the points, in units of their mean.
     """
     before, after = 1.0 / gaps[:-1], 1.0 / gaps[1:]
     here = -(before + after)
@@ -89,10 +87,7 @@ def _bending(gaps: Array) -> tuple[Array, Array, Array]:
 def _joint(
     original: Array, diagonals: tuple[Array, Array, Array], within: float, fixed: Array
 ) -> Array:
-    """Return the denoised positions of one joint, shape (k,). Some may exceed the tolerance.
-
-    within: the tolerance. fixed: indices of points that must not move.
-    """
+    """Return one joint's denoised positions. Some may exceed the tolerance `within`."""
     main, second, third = diagonals
     weights = np.ones(len(original))
     weights[fixed] = FIXED_WEIGHT
@@ -111,16 +106,15 @@ def _joint(
 
 
 MAX_STEP_S = 0.004
-"""Maximum step of the smoother, s, because it plans only between steps."""
+"""Maximum step of the smoother, s. The smoother plans only between two steps."""
 
 MIN_SEGMENTS = 2
-"""Minimum number of segments for `fastest`. The smoother is already optimal for one segment."""
+"""Minimum number of segments for `fastest`. For a single segment, the smoother is optimal."""
 
 ROUNDING_SHARE = 1e-9
-"""Fraction of a period that counts as rounding when a duration is divided into periods."""
+"""Fraction of a period that counts as rounding."""
 
 Planner = Callable[[Request, JointLimits], Plan | None]
-"""Function that plans a motion of the smoother. The default is `plan`."""
 
 
 def smoothed(
@@ -144,12 +138,12 @@ def smoothed(
 
     * `mode`: TIME_OPTIMAL ignores the times of the points. TIME_PRESERVING respects them where the
       limits allow it.
-    * `look_ahead`: the smoother receives more points while its known motion is shorter than this,
-      s.
+    * `look_ahead`: duration, s. The smoother receives the next point while its known motion is
+      shorter than this.
     * `refine`: with TIME_OPTIMAL and infinite look-ahead, return the motion of `fastest` if it
       finds one. Otherwise the motion follows the smoother's spline.
-    * `path_tolerance`: maximum deviation from each point except the ends, rad (or m). It is used
-      by `fastest`, and with TIME_PRESERVING and infinite look-ahead by `denoised`.
+    * `path_tolerance`: maximum deviation from each point except the two ends, rad (or m). It is
+      used by `fastest`. With TIME_PRESERVING and infinite look-ahead it is used by `denoised`.
     * `planner`, `catch_up`, `observer`: passed to `Smoother`.
     * `checkpoint`: called with the time of each sample, s. It may raise to cancel.
 
@@ -168,14 +162,15 @@ def smoothed(
         free = whole or (timed and look_ahead == np.inf)
         if not (free and minimum <= path_tolerance <= MAX_PATH_TOLERANCE):
             raise ValueError(
-                f'path_tolerance = {path_tolerance} rad: must be 0 … {MAX_PATH_TOLERANCE}, for '
-                f'points with times 0 or from {MIN_TOLERANCE:g} on, and 0 with a look-ahead, or '
-                'on the spline'
+                f'path_tolerance = {path_tolerance} rad: must be 0 … {MAX_PATH_TOLERANCE}, but 0 '
+                f'or at least {MIN_TOLERANCE:g} if the points have times, and 0 with a look-ahead '
+                'or on the spline'
             )
         if timed:
             trajectory = denoised(trajectory, limits, path_tolerance)
     if whole and (motion := _fastest(trajectory, limits, path_tolerance)) is not None:
-        return _sampled(motion, limits, period)
+        count = ceil(motion.duration / period - ROUNDING_SHARE)
+        return _of_samples(limits, 0.0, period, [motion.at(i * period) for i in range(count + 1)])
     positions, times = trajectory.positions, trajectory.times
     durations = np.diff(times, prepend=times[0]).tolist()
     smoother = Smoother(
@@ -204,7 +199,7 @@ def smoothed(
 
 
 def _fastest(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> JointMotion | None:
-    """Return the fastest motion through the points, merged where close together, or None."""
+    """Return the fastest motion through the points, or None. Points close together are merged."""
     points = Waypoints(limits, trajectory.positions[0], Mode.TIME_OPTIMAL)
     for position in trajectory.positions:
         points.append(position, None, 0.0, in_motion=False)
@@ -215,24 +210,18 @@ def _fastest(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> J
     return fastest(np.array(waypoints), limits, tolerance)
 
 
-def _sampled(motion: JointMotion, limits: JointLimits, period: float) -> Trajectory:
-    count = ceil(motion.duration / period - ROUNDING_SHARE)
-    return _of_samples(limits, 0.0, period, [motion.at(i * period) for i in range(count + 1)])
-
-
 def _of_samples(
     limits: JointLimits, start: float, period: float, samples: Sequence[tuple[Array, ...]]
 ) -> Trajectory:
-    """Return a trajectory from states, one every `period` s. start: time of the first state, s."""
     columns = (np.array(column) for column in zip(*samples, strict=True))
     times = np.asarray(start + period * np.arange(len(samples)))
     return Trajectory(limits.names, times, *columns)
 
 
 def every(trajectory: Trajectory, parts: int) -> Trajectory:
-    """Return every `parts`-th point of a motion with evenly spaced points.
+    """Return every `parts`-th point of evenly spaced points, and always the last point.
 
-    The last point is always included, one period of the result after the previous point.
+    The times of the result are evenly spaced, so the last point may be later than before.
     """
     count = len(trajectory.times)
     chosen = np.arange(0, count + parts - 1, parts)
@@ -249,11 +238,10 @@ def every(trajectory: Trajectory, parts: int) -> Trajectory:
 
 
 def retimed(trajectory: Trajectory, limits: JointLimits, longest: float = np.inf) -> Trajectory:
-    """Return a trajectory's points at the times of the time-optimal motion through them.
+    """Return a trajectory's points, with velocities, at the times of the time-optimal motion.
 
-    The points have velocities. A point that repeats the previous one is omitted. Between points
-    more than `longest` s apart, points of the motion are inserted. The motion is on the smoother's
-    spline. Raises the errors of `smoothed`.
+    The motion is on the smoother's spline. Repeated points are omitted. Between two points more
+    than `longest` s apart, points of the motion are inserted. Raises the errors of `smoothed`.
     """
     motion = smoothed(trajectory, limits, Mode.TIME_OPTIMAL, refine=False)
     times, positions = _own_points(trajectory, motion)
@@ -278,10 +266,11 @@ def thinned(
 ) -> Trajectory:
     """Return fewer points, whose straight segments in joint space are close to the smooth motion.
 
-    The points are `spacing` to twice `spacing` s apart. They are points of the trajectory and,
-    where these are too far apart, of the motion. Where a segment would deviate by more than
-    `deviation`, rad (or m), from the motion in a joint, the points are closer. The last two may
-    also be closer. `smoothed` describes `mode` and `refine`. Raises the errors of `smoothed`.
+    The points are `spacing` to twice `spacing` s apart. They are points of the trajectory. Where
+    these are too far apart, points of the motion are inserted. The points are closer together
+    where a joint would otherwise deviate by more than `deviation`, rad (or m), from the motion.
+    The last two points may be closer together, too. `smoothed` describes `mode` and `refine`.
+    Raises the errors of `smoothed`.
     """
     if not (spacing > 0.0 and deviation > 0.0):
         raise ValueError(f'spacing = {spacing} s, deviation = {deviation}: must be positive')
@@ -314,9 +303,9 @@ def thinned(
 def _segment_ends(
     motion: Trajectory, segment: tuple[float, float], deviation: float
 ) -> Iterator[float]:
-    """Yield the end times, s, of straight pieces within `deviation` of a part of a motion.
+    """Yield the end times, s, of straight pieces that replace a part of a motion.
 
-    segment: start and end of the part, s.
+    A joint deviates from the motion by at most `deviation`, rad (or m).
     """
     start, end = segment
     inside = motion.positions[(motion.times > start) & (motion.times < end)]
@@ -330,7 +319,6 @@ def _segment_ends(
 
 
 def _off_line(positions: Array, first: Array, last: Array) -> float:
-    """Return the largest distance in any joint of positions, (k, n), from a line segment."""
     along = last - first
     square = float(along @ along)
     offsets = positions - first
@@ -343,7 +331,7 @@ def _off_line(positions: Array, first: Array, last: Array) -> float:
 def _own_points(trajectory: Trajectory, motion: Trajectory) -> tuple[Array, Array]:
     """Return the times at which a motion passes a trajectory's points, s, and these points.
 
-    A point is omitted if it repeats the previous point, or is not passed after it.
+    A point is omitted if it repeats the previous point, or the motion does not pass it later.
     """
     positions = trajectory.in_order(motion.joint_names).positions
     apart = np.abs(np.diff(positions, axis=0)).max(axis=1) >= MERGE_TOLERANCE

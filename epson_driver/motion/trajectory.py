@@ -13,25 +13,23 @@ import numpy.typing as npt
 from epson_driver.motion.limits import Array, JointLimits
 
 LIMIT_TOLERANCE_SHARE = 1e-6
-"""Excess of a limit that counts as rounding, as a fraction of the range from low to high limit.
-Many plans use the limits fully."""
+"""Rounding at a limit, as a fraction of the range. It is needed because many plans use the limits
+fully."""
 
 MAX_USUAL_ANGLE_RAD = 4 * np.pi
-"""Two turns. If an angle exceeds its limit and this, the positions may be in degrees."""
+"""Two turns. If an angle exceeds both its limit and this, the positions may be in degrees."""
 
 BLOCK_POINTS = 2048
 """Number of points checked together, so that the memory does not grow with the trajectory."""
 
 MAX_DURATION_S = 86_400.0
-"""Maximum duration of an accepted trajectory, s."""
 
 MAX_POINTS = 100_000
-"""Maximum number of points of a sampled motion. More would take minutes to plan and check."""
+"""Maximum number of points of a sampled motion. A longer one would take minutes to plan."""
 
 Mask = npt.NDArray[np.bool_]
 
 _PER = {'positions': '', 'velocities': '/s', 'accelerations': '/s²'}
-"""Quantity → suffix of its unit after rad or m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +49,9 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """Time of the last point, s."""
         return float(self.times[-1])
 
     def in_order(self, joint_names: tuple[str, ...]) -> 'Trajectory':
-        """Return the trajectory with its joints in the order of `joint_names`."""
         if joint_names == self.joint_names:
             return self
         columns = [self.joint_names.index(name) for name in joint_names]
@@ -69,10 +65,7 @@ class Trajectory:
 
 
 def sample_times(duration: float, period: float) -> Array:
-    """Return evenly spaced times from 0 to `duration`, at most `period` s apart, shape (k,).
-
-    Raises ValueError if there would be more than MAX_POINTS.
-    """
+    """Return times at most `period` s apart. Raises ValueError if they exceed MAX_POINTS."""
     longest = MAX_POINTS * period
     if not duration <= longest:
         raise ValueError(
@@ -88,9 +81,10 @@ def problems(
     """Yield a sentence for every reason not to execute a trajectory.
 
     The joints must be in the order of the limits. A sentence names the point (counted from 0), the
-    joint, the value and the limit. If positions seem to be in degrees, only the first is reported.
-    `too_fast`: also check the mean speed of each segment. Accelerations must be finite, but are
-    not checked against a limit, because the executed motion is smoothed.
+    joint, the value and the limit. If positions seem to be in degrees or millimetres, only the
+    first of them is reported. `too_fast`: whether to check the mean speed of each segment, too.
+    Accelerations must be finite, but are not checked against a limit, because the executed motion
+    is smoothed.
     """
     if not len(trajectory.times):
         yield 'the trajectory has no points'
@@ -104,6 +98,9 @@ def problems(
     if outside and _like_degrees(trajectory.positions, limits):
         yield f'{outside[0]}; these look like degrees: positions are in rad'
         return
+    if outside and _like_millimetres(trajectory.positions, limits):
+        yield f'{outside[0]}; these look like millimetres: positions are in m'
+        return
     yield from _times(trajectory)
     yield from outside
     if trajectory.velocities is not None:
@@ -115,19 +112,27 @@ def problems(
 
 
 def _like_degrees(positions: Array, limits: JointLimits) -> bool:
-    """Return whether the angles of positions seem to be in degrees.
+    """Return whether the angles may be degrees.
 
-    They do if all angles are within the limits when read as degrees, and an angle that exceeds its
-    limit when read as rad also exceeds MAX_USUAL_ANGLE_RAD.
+    This requires that none exceeds a full turn or its limit as degrees, and that one exceeds both
+    its limit and 4π rad.
     """
     turning = np.array([unit == 'rad' for unit in limits.units])
     angles = positions[:, turning]
     low, high = limits.position_min[turning], limits.position_max[turning]
-    degrees = np.radians(angles)
-    return bool(
-        np.any((np.abs(angles) > MAX_USUAL_ANGLE_RAD) & ((angles < low) | (angles > high)))
-        and np.all((degrees >= low) & (degrees <= high))
+    exceeds = (np.abs(angles) > MAX_USUAL_ANGLE_RAD) & ((angles < low) | (angles > high))
+    most = np.maximum(np.degrees(high), 360.0)
+    return bool(np.any(exceeds) and np.all(np.abs(angles) <= most))
+
+
+def _like_millimetres(positions: Array, limits: JointLimits) -> bool:
+    """Return whether a position of a linear joint is valid only in millimetres."""
+    linear = np.array([unit == 'm' for unit in limits.units])
+    values, low, high = (
+        array[..., linear] for array in (positions, limits.position_min, limits.position_max)
     )
+    beyond = (np.abs(values) >= 1.0) & ((values < low) | (values > high))
+    return bool(np.any(beyond) and np.all((values >= 1e3 * low) & (values <= 1e3 * high)))
 
 
 def _is_not_finite(values: Array, some: slice) -> Mask:
@@ -148,10 +153,7 @@ def _not_finite(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
 
 
 def _where(count: int, mask: Callable[[slice], Mask]) -> Iterator[tuple[int, int]]:
-    """Yield the indices of point and joint of each True in a mask.
-
-    `mask` returns the part of the mask for a slice of the `count` points, one column per joint.
-    """
+    """Yield the point and joint index of each True in a mask, which is computed by slices."""
     for first in range(0, count, BLOCK_POINTS):
         result = mask(slice(first, min(first + BLOCK_POINTS, count)))
         if result.any():
@@ -160,8 +162,6 @@ def _where(count: int, mask: Callable[[slice], Mask]) -> Iterator[tuple[int, int
 
 
 def _not_after(times: Array) -> Iterator[int]:
-    """Yield the index of each point whose time is not later than the previous point's."""
-
     def mask(some: slice) -> Mask:
         following = slice(some.start + 1, some.stop + 1)
         return (times[following] <= times[some])[:, None]
@@ -210,7 +210,6 @@ def _too_fast(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
     fastest = limits.velocity * (1.0 + LIMIT_TOLERANCE_SHARE)
 
     def speeds(some: slice) -> Array:
-        """Return the mean speeds of segments, rad/s or m/s, one column per joint."""
         some = slice(some.start, some.stop + 1)
         return np.abs(np.diff(positions[some], axis=0)) / np.diff(times[some])[:, None]
 

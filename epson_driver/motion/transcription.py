@@ -7,19 +7,19 @@ STEPS steps of constant jerk and equal duration. Nodes are the ends of the steps
 straight line between two waypoints.
 
 The unknowns are the state (position, velocity, acceleration) of each joint at the knots, the
-jerks, the duration h of each interval, and for each node a place on the chord (a fraction of it).
-The sum of all h is minimised, subject to
+jerks, the duration h of each interval, and for each node a place, which is a fraction of the
+chord. The sum of all h is minimised, subject to
 
     state at the next knot = state at this knot, integrated with the jerks
     |jerk| ≤ J in each step, |acceleration| ≤ A at each node, |velocity| ≤ V
     |position - place on the chord| ≤ bend at each node, in each joint
 
 J, A and V are the limits of the joint. The inequalities are called rows. The equations are
-linearised and used to eliminate the jerks, except combinations of jerks without effect on the next
-knot (neutral jerks). Primal and dual variables have separate step lengths (Nocedal, Wright:
-Numerical Optimization, 2006, chapter 19). The unknowns of a single interval are eliminated within
-it, joint by joint. This leaves a block-tridiagonal system with the states at one knot and one h
-per block.
+linearised, and eliminate all jerks except the neutral ones. (Neutral jerks are combinations of
+jerks that have no effect on the state at the next knot.) Primal and dual variables have separate
+step lengths (Nocedal, Wright: Numerical Optimization, 2006, chapter 19). Unknowns that belong to a
+single interval are eliminated for each interval and joint. This leaves a block-tridiagonal system.
+Each of its blocks has the states at one knot and one h.
 
 The solver divides the positions of a joint by its velocity limit, so that V is 1.
 """
@@ -33,13 +33,12 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.banded import solve_block_tridiagonal
 
 STEPS = 4
-"""Steps per interval. With three, the states at both knots would determine every jerk."""
+"""Steps per interval. With only three, the states at both knots would determine every jerk."""
 
 MIN_DURATION_SHARE = 0.02
 """Minimum duration of an interval, as a fraction of its initial duration."""
 
 FIRST_JERK_SHARE = 0.9
-"""Maximum initial jerk, as a fraction of the limit."""
 
 GAP = 1e-2
 """Tolerance for convergence: the fraction of the duration that could still be saved."""
@@ -48,42 +47,38 @@ ROW_TOLERANCE = 2e-3
 """Tolerance for convergence: the relative excess of a row over its bound."""
 
 STATE_TOLERANCE = 1e-2
-"""Tolerance for convergence: the jerk that would correct a defect (see `_integrate`), as a
-fraction of the jerk limit."""
+"""Tolerance for convergence: the jerk that would correct a state, relative to the limit."""
 
 MAX_CHANGE = 0.3
 """Maximum relative change of a duration in one iteration."""
 
 STIFFNESS = 1.0
-"""Cost of changing the durations, which selects one of many equally good changes."""
+"""Cost of changing the durations, which selects one of many equally good changes of them."""
 
 PLACE_STIFFNESS = 1e-4
 """Cost of changing the places on the chord, which may have no effect on the duration."""
 
 LIMIT_MARGIN = 1e-6
-"""Distance of a waypoint from a position limit, divided by the velocity limit, s, below which the
-joint has no velocity there."""
+"""Scaled distance of a waypoint from a position limit below which the joint has no velocity."""
 
 _EPSILON = 1e-6
-"""Weight of a small penalty on changes of the states and jerks, which keeps the linear systems of
-the iteration from being singular."""
+"""Penalty on changes of the states and jerks, which keeps the linear systems regular."""
 
 _FREE = 1e3
 """Half the width of a row's range, so large that the row has no effect."""
 
 _PLACE = 7
-"""Index of the first place among a joint's unknowns in an interval. The states at both knots and h
-are before it."""
+"""Index of the first place among a joint's unknowns in an interval: both states and h precede."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Constraints of m intervals of n joints, in rad (or m).
 
-    * start, chord: start of each interval's chord, and the vector to its end, shape (m, n).
-    * bend: maximum distance from the chord, shape (m,).
+    * start, chord: start of each interval's chord, and vector to the chord's end, shape (m, n).
+    * bend: maximum distance of the motion from the chord, shape (m,).
     * tolerance: maximum distance of a knot from its initial position, shape (m + 1,). It is np.inf
-      at knots that are no waypoints.
+      at a knot that is no waypoint.
     """
 
     limits: JointLimits
@@ -96,14 +91,14 @@ class Problem:
 class _Nodes:
     """Linear map from the state at the start of an interval, and its jerks, to its rows.
 
-    The coefficients (`by_state`, `by_jerk`) are for h = 1. For another h, each is multiplied by h
-    to the power of its exponent. The rows are, in this order:
+    The coefficients (`by_state`, `by_jerk`) apply to h = 1. For another h, each coefficient is
+    multiplied by h to the power of its exponent. The rows are, in this order:
 
     * the accelerations at the inner nodes,
     * the inner Bernstein coefficient of the velocity in each step,
     * the positions at all nodes except the first,
-    * both inner Bernstein coefficients of the position in each step, if `bounded`, which means
-      that the position limits are near,
+    * if `bounded`, i.e. near a position limit, both inner Bernstein coefficients of the position
+      in each step,
     * the state at the last node.
 
     A polynomial is within the range of its Bernstein coefficients.
@@ -139,11 +134,7 @@ class _Nodes:
 
 
 class Search:
-    """The interior-point iteration.
-
-    knots: initial states at the knots, shape (m + 1, n, 3). durations: initial durations of the
-    intervals, shape (m,), s.
-    """
+    """The interior-point iteration, from initial knot states, (m + 1, n, 3), and durations, s."""
 
     def __init__(self, problem: Problem, knots: Array, durations: Array) -> None:
         limits, scale = problem.limits, problem.limits.velocity
@@ -193,7 +184,7 @@ class Search:
         self._knot_centre[:, :, 0] = self._x[1:, :, 0]
         states = np.arange(n)[:, None] * 3 + np.arange(3)
         self._at_knot, self._at_both = states, np.concatenate([states, 3 * n + 1 + states], axis=1)
-        """Indices of each joint's state, at one knot and at both, in an interval's system."""
+        """Indices in an interval's system of each joint's state at its first knot, and at both."""
         self._changes = np.ones((m + 1, n, 3), dtype=bool)
         self._changes[[0, -1]] = False
         self._changes[problem.tolerance == 0.0, :, 0] = False
@@ -207,7 +198,6 @@ class Search:
 
     @property
     def converged(self) -> bool:
-        """Whether the iteration has converged."""
         return (
             self._gap < 1.5 * GAP
             and self._excess < ROW_TOLERANCE
@@ -216,7 +206,6 @@ class Search:
 
     @property
     def duration(self) -> float:
-        """Sum of all durations, s."""
         return float(self._h.sum())
 
     def result(self) -> tuple[Array, Array]:
@@ -225,10 +214,7 @@ class Search:
         return jerks * self._scale[:, None], self._h
 
     def _integrate(self) -> None:
-        """Integrate the jerks. Set the states at the nodes, and the defects at the knots.
-
-        A defect is the integrated state minus the unknown for the state at this knot.
-        """
+        """Set the states at the nodes, and the defects: integrated states minus unknown states."""
         nodes, h = self._nodes, self._h[:, None, None]
         self._by_state = nodes.by_state * h**nodes.state_exponents
         self._by_jerk = nodes.by_jerk * h**nodes.jerk_exponents
@@ -263,10 +249,7 @@ class Search:
         )
 
     def step(self) -> bool:
-        """Take a Newton step. Return False if its system has no finite solution.
-
-        Raises LinAlgError if a system is singular.
-        """
+        """Take a Newton step. Return False, or raise LinAlgError, if it has no finite solution."""
         m, n = self._size
         jerks, corrections = self._by_unknowns()
         tangents, offsets = self._tangents(jerks, corrections)
@@ -312,18 +295,18 @@ class Search:
         return True
 
     def _inverse(self) -> Array:
-        """Return the map from final-state changes to their smallest jerks, shape (m, STEPS, 3)."""
+        """Return the map from a change of the final state to its smallest jerks, (m, STEPS, 3)."""
         powers: Array = self._h[:, None, None] ** -np.array([3.0, 2.0, 1.0])
         return self._nodes.inverse * powers
 
     def _by_unknowns(self) -> tuple[Array, Array]:
-        """Return the jerks' derivatives by the unknowns, and corrections to remove the defects."""
+        """Return the derivatives of the jerks with respect to the unknowns, and corrections.
+
+        The corrections are the changes of the jerks that remove the defects.
+        """
         m, n = self._size
-        end, inverse, neutral = (
-            slice(self._nodes.count, None),
-            self._inverse(),
-            self._nodes.neutral,
-        )
+        end, inverse = slice(self._nodes.count, None), self._inverse()
+        neutral = self._nodes.neutral
         jerks = np.zeros((m, n, STEPS, _PLACE + STEPS + neutral.shape[1]))
         jerks[..., :3] = -(inverse @ self._by_state[:, end])[:, None]
         jerks[..., 3:6] = inverse[:, None]
@@ -332,9 +315,9 @@ class Search:
         return jerks, -self._defects @ _transposed(inverse)
 
     def _tangents(self, jerks: Array, corrections: Array) -> tuple[Array, Array]:
-        """Return the derivatives of the rows by the unknowns, and the rows' change by corrections.
+        """Return the derivatives of the rows with respect to the unknowns, and offsets.
 
-        jerks, corrections: the results of `_by_unknowns`.
+        The offsets are the changes of the rows that result from the corrections of the jerks.
         """
         (m, n), count, positions = self._size, self._nodes.count, self._nodes.positions
         tangents = np.empty((m, n, STEPS + count, jerks.shape[3]))
@@ -351,11 +334,7 @@ class Search:
     def _without_neutral(
         self, tangents: Array, weights: Array, forces: Array
     ) -> tuple[Array, Array, Array]:
-        """Eliminate the neutral jerks of each joint.
-
-        Return the matrix and right side of the reduced system, and the neutral jerks as a function
-        of the remaining unknowns.
-        """
+        """Eliminate the neutral jerks. Return the systems, and the maps to the neutral jerks."""
         shape, shared = (*tangents.shape[:3], 1), _PLACE + STEPS
         transposed = _transposed(tangents)
         matrices = transposed @ (tangents * weights.reshape(shape))
@@ -376,11 +355,7 @@ class Search:
     def _without_places(
         self, matrices: Array, right: Array, weights: list[Array], forces: list[Array]
     ) -> tuple[Array, Array, Array]:
-        """Eliminate the places on the chord, and combine the joints of each interval.
-
-        Return the matrix and right side of each interval's system, and the places as a function of
-        the remaining unknowns.
-        """
+        """Eliminate the places. Return each interval's system, and the maps to its places."""
         (m, n), indices, slopes = self._size, self._at_both, self._min_durations / self._h**2
         size, of_h, place = 6 * n + 1, 3 * n, np.arange(STEPS)
         systems, right_sides = np.zeros((m, size, size)), np.zeros((m, size))
@@ -430,8 +405,8 @@ class Search:
     ) -> None:
         """Advance along a Newton step as far as the slacks, the duals and the durations allow.
 
-        rows: the rows before the step. of_rows: their change by the whole step. change: the
-        changes of the states at the knots, the durations, the jerks and the places.
+        of_rows: change of the rows by the whole step. change: changes of the knot states, the
+        durations, the jerks and the places by the whole step.
         """
         slack, dual = self._slack, self._dual
         d_slack = np.stack([1.0 - rows - of_rows, 1.0 + rows + of_rows]) - slack
@@ -457,7 +432,10 @@ class Search:
 
 
 def _longest(values: Array, changes: Array) -> float:
-    """Return the longest step ≤ 1 that keeps at least a hundredth of each positive value."""
+    """Return the longest step ≤ 1 that reduces no positive value by more than 99 %.
+
+    A step adds this multiple of `changes` to `values`.
+    """
     fastest = float((changes / values).min())
     return 1.0 if fastest >= 0.0 else min(1.0, -0.99 / fastest)
 

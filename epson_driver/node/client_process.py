@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The process of one or more ROS 2 nodes. It ends with a signal or a failure."""
+"""The process of one or more ROS 2 nodes. It ends on a signal or after a failure."""
 
 import asyncio
 import gc
@@ -47,11 +47,10 @@ Make = Callable[[Node], Client]
 
 
 def run(namespaces: Sequence[str], make: Make = ClientNode, name: str = DEFAULT_NAME) -> int:
-    """Run a node per namespace until a signal or a failure, and return the exit code.
+    """Run one node per namespace until a signal or a failure, and return the exit code.
 
-    `make` creates the client of a node. `name` is the name of every node. All arms are stopped and
-    all goals are ended before this returns. The exit code is 1 if a name or a parameter is
-    invalid, or if a thread, a task or a callback has failed, and otherwise 0.
+    The exit code is 1 if a name or a parameter is invalid, or if a thread, a task or a callback
+    has failed. All arms are stopped and all goals are ended before this returns.
     """
     nodes: list[Node] = []
     try:
@@ -83,14 +82,13 @@ class Failures:
         self.happened = asyncio.Event()
 
     def report(self, what: str, error: BaseException) -> None:
-        """Log an exception after the clause `what`, if it is new, and make the process end."""
         self.happened.set()
         if not any(error is known for known in self._reported):
             self._reported.append(error)
             _log.critical('%s: stopping all arms and the driver', what, exc_info=error)
 
     def in_loop(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Report errors that asyncio would only log. This is the loop's exception handler."""
+        """Report an error that asyncio would only log."""
         error = context.get('exception')
         if error is None:
             _log.error('%s', context['message'])
@@ -98,20 +96,19 @@ class Failures:
             self.report(context['message'], error)
 
     def in_thread(self, what: str, error: BaseException) -> None:
-        """Report a failure of any thread, even if the loop has ended. Callable in any thread."""
+        """Report a failure of a thread, even if the loop has ended. Any thread may call this."""
         try:
             self._loop.call_soon_threadsafe(self.report, what, error)
         except RuntimeError:  # the loop is closed
             self.report(what, error)
 
     def on_thread_end(self, arguments: Any) -> None:
-        """Report the exception that ended a thread. It is set as `threading.excepthook`."""
         name = '' if arguments.thread is None else arguments.thread.name
         self.in_thread(f'the thread {name} ended', arguments.exc_value)
 
 
 def _make_nodes(namespaces: Sequence[str], nodes: list[Node], name: str) -> bool:
-    """Create a node per namespace. Return whether all were created, and log the reason if not."""
+    """Create one node per namespace. If one cannot be created, log why and return False."""
     logger = rclpy.logging.get_logger(name)
     for namespace in namespaces:
         try:
@@ -134,7 +131,6 @@ def _make_nodes(namespaces: Sequence[str], nodes: list[Node], name: str) -> bool
 
 
 def _unused_files(words: Sequence[str], names: Sequence[str]) -> Iterator[str]:
-    """Yield a warning for each `--params-file` in `words` without parameters of nodes `names`."""
     for option, path in pairwise(words):
         if option != '--params-file':
             continue
@@ -179,7 +175,6 @@ def _run(nodes: Sequence[Node], make: Make) -> int:
 
 
 def _make_clients(nodes: Sequence[Node], clients: list[Client], make: Make) -> bool:
-    """Create the client of each node. Return whether this succeeded, and log the reason if not."""
     for node in nodes:
         try:
             clients.append(make(node))
@@ -197,11 +192,10 @@ async def _drive(
     failures: Failures,
     make: Make = ClientNode,
 ) -> int:
-    """Drive the arms until a signal or a failure, then stop them. Return the exit code."""
     if not _make_clients(nodes, clients, make):
         return 1
     gc.collect()
-    gc.freeze()  # these objects are never freed: scanning them would stall the loop for 15 ms
+    gc.freeze()  # objects that exist now are never freed: a scan of them stalls the loop for 15 ms
     ros.start()
     running = [asyncio.create_task(client.run()) for client in clients]
     endings = [asyncio.create_task(event.wait()) for event in (signaled, failures.happened)]

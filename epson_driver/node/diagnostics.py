@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`/diagnostics` (REP-107): one status for each link in use and one for the arm.
+"""`/diagnostics` (REP-107): a status for each link in use, and a status for the arm.
 
 All values are computed here from existing counters, so diagnostics add no cost per message.
 """
@@ -29,18 +29,15 @@ LEVELS = {
     Cause.ESTOP: DiagnosticStatus.ERROR,
     Cause.ERROR: DiagnosticStatus.ERROR,
 }
-"""Diagnostic level by the cause that inhibits motion. Other causes have the level WARN."""
+"""Diagnostic level for each cause that inhibits motion. Unlisted causes have the level WARN."""
 
 PERIOD_S = 1.0
 CHECKS_PER_PERIOD = 10
-"""Number of checks per PERIOD_S of whether the cause that inhibits motion has changed."""
+"""Number of times per PERIOD_S that the cause that inhibits motion is checked for a change."""
 
 
 class Diagnostics:
-    """Builds the `/diagnostics` message. Its rates are averages since the previous message.
-
-    `publishers` returns the number of publishers of a topic.
-    """
+    """Builds the `/diagnostics` message. Its rates are averages since the previous message."""
 
     def __init__(self, driver: Driver, node_name: str, publishers: Callable[[str], int]) -> None:
         self._driver = driver
@@ -52,7 +49,6 @@ class Diagnostics:
     async def run(
         self, stamp: Callable[[], Time], publish: Callable[[DiagnosticArray], None]
     ) -> None:
-        """Publish once a second, and when the cause that inhibits motion changes."""
         while True:
             cause = self._cause()
             publish(self.build(stamp(), _now()))
@@ -66,7 +62,6 @@ class Diagnostics:
         return None if result is None else result.cause
 
     def build(self, stamp: Time, now: float) -> DiagnosticArray:
-        """Return the message at loop time `now`, s."""
         message = DiagnosticArray()
         message.header.stamp = stamp
         message.status = [
@@ -85,7 +80,7 @@ class Diagnostics:
         )
 
     def _io(self, now: float) -> Iterator[DiagnosticStatus]:
-        """Yield the status of the I/O, if used. A failure is a WARN, as the arm can still move."""
+        """Yield the status of the I/O, if used. A failure is a WARN, because the arm can move."""
         io = self._driver.io
         if not io.used:
             return
@@ -193,7 +188,6 @@ class Diagnostics:
                 yield 'error text confirmed', text.confirmed
 
     def _intervals(self, now: float) -> Iterator[tuple[str, object]]:
-        """Yield rate, jitter and longest gap of the joint states since the previous build."""
         if self._built is None or now <= self._built:
             return
         arrivals = list(self._driver.robot.arrivals)
@@ -219,7 +213,6 @@ class Diagnostics:
 
 
 def _milliseconds(sorted_seconds: Sequence[float], fraction: float) -> str:
-    """Return a quantile, such as the median for a `fraction` of 0.5, as a text in ms."""
     return f'{sorted_seconds[int(fraction * (len(sorted_seconds) - 1))] * 1e3:.2f}'
 
 

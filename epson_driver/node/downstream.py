@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Access to another driver: its FollowJointTrajectory action and its joint states.
 
-The caller runs in an event loop, and all calls of rclpy run in the thread of rclpy's executor.
-rclpy's action client registers a request only after sending it, so a reply that another thread
-processes could arrive too early and be lost.
+The caller runs in an event loop, but all calls of rclpy run in the thread of rclpy's executor.
+The reason is that rclpy's action client registers a request only after sending it. In another
+thread, a reply could be processed before the request is registered, and be lost.
 """
 
 import asyncio
@@ -22,23 +22,22 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
-from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.outcome import End, ErrorCode, Outcome
 from epson_driver.driver.tasks import report_error
 from epson_driver.motion import Array, JointLimits
 from epson_driver.node.joint_reader import JointReader
+from epson_driver.node.trajectory_messages import invalid_goal
 
 QUERY = 'query_state'
 """Service that only joint_trajectory_controller, and classes derived from it, have."""
+
+OWN_TOPIC_S = 1.0
+"""Time in which the driver's `controller_state` is discovered after its action, s."""
 
 _log = logging.getLogger(__name__)
 
 
 class Downstream:
-    """Client of another driver's action. Must be created in the event loop.
-
-    `action`: the name of the action, which may be relative.
-    """
-
     def __init__(self, node: Node, action: str, callback_group: CallbackGroup) -> None:
         self._node = node
         self._loop = asyncio.get_running_loop()
@@ -49,8 +48,11 @@ class Downstream:
 
     @property
     def available(self) -> bool:
-        """Whether the action server is available."""
         return bool(self._client.server_is_ready())
+
+    @property
+    def no_server(self) -> str:
+        return f'no server for the action {self.name}: start its driver'
 
     @property
     def keeps_stamps(self) -> bool:
@@ -64,15 +66,13 @@ class Downstream:
         on_feedback: Callable[[FollowJointTrajectory.Feedback], None],
         timeout: float,
     ) -> 'Sent':
-        """Send a goal and return it once it is accepted.
+        """Send a goal, and return it once it is accepted.
 
         `on_feedback` is called in the executor's thread. Raises GoalRejectedError if the goal is
-        rejected, or not answered within `timeout` s. If it is accepted later, it is canceled.
+        rejected, or not answered within `timeout` s. A goal that is accepted later is canceled.
         """
         if not self.available:
-            raise GoalRejectedError(
-                ErrorCode.INVALID_GOAL, f'no server for the action {self.name}: start its driver'
-            )
+            raise invalid_goal(self.no_server)
         reply = self._loop.create_task(
             self.request_result(
                 lambda: self._client.send_goal_async(
@@ -83,21 +83,18 @@ class Downstream:
         done, _ = await asyncio.wait({reply}, timeout=timeout)
         if not done:
             reply.add_done_callback(self._cancel_late)
-            raise GoalRejectedError(
-                ErrorCode.INVALID_GOAL,
+            raise invalid_goal(
                 f'{self.name} did not reply within {timeout:g} s. A later acceptance '
                 'will be canceled',
             )
         handle = reply.result()
         if not handle.accepted:
-            raise GoalRejectedError(
-                ErrorCode.INVALID_GOAL,
+            raise invalid_goal(
                 f'{self.name} rejected the smooth trajectory: see its log',
             )
         return Sent(self, handle)
 
     async def request_result(self, request: Callable[[], Any]) -> Any:
-        """Call `request` in the executor's thread. Return the result of the future it returns."""
         done: asyncio.Future[Any] = self._loop.create_future()
 
         def on_done(future: Any) -> None:
@@ -125,9 +122,9 @@ class Downstream:
 
 
 class Sent:
-    """An accepted goal. `result` is a task that returns its outcome.
+    """An accepted goal. `result` is a task that returns the goal's outcome.
 
-    The task does not end if the server ends without a result.
+    If the server ends without sending a result, the task does not end.
     """
 
     def __init__(self, downstream: Downstream, handle: Any) -> None:
@@ -147,7 +144,6 @@ class Sent:
         return Outcome(ended, ErrorCode(code), text)
 
     async def cancel(self, timeout: float) -> bool:
-        """Cancel the goal and return whether it ended within `timeout` s."""
         try:
             async with asyncio.timeout(timeout):
                 await self._downstream.request_result(self._handle.cancel_goal_async)
@@ -158,15 +154,18 @@ class Sent:
 
 
 class ArmState:
-    """Joint state from `controller_state` if it has a publisher, else from `joint_states`.
+    """Joint state from the driver's `controller_state`, or `joint_states` if it has no such topic.
 
-    `action`: the resolved name of the driver's action. `controller_state` has the same namespace.
+    Whether it has this topic may be discovered later than its action. So `joint_states`, on which
+    others may publish, is used only after OWN_TOPIC_S with the action and without the topic.
     """
 
-    def __init__(self, node: Node, action: str, callback_group: CallbackGroup) -> None:
+    def __init__(self, node: Node, downstream: Downstream, callback_group: CallbackGroup) -> None:
         self._loop = asyncio.get_running_loop()
         self._node = node
-        self._own = JointReader(f'{action.rpartition("/")[0]}/controller_state')
+        self._downstream = downstream
+        self._without_own_since: float | None = None
+        self._own = JointReader(f'{downstream.name.rpartition("/")[0]}/controller_state')
         self._shared = JointReader('joint_states')
         for kind, topic, callback in (
             (JointTrajectoryControllerState, self._own.topic, self._on_own),
@@ -186,13 +185,18 @@ class ArmState:
         self._shared.take(message.name, message.position, message.velocity, stamp, now)
 
     def of(self, limits: JointLimits, oldest: float) -> tuple[Array, Array]:
-        """Return positions and velocities, shapes (n,), at most `oldest` s old.
+        """Return positions and velocities, shapes (n,).
 
-        Raises GoalRejectedError if a joint's state is missing or older, or its position jumps.
+        Raises GoalRejectedError as JointReader.of does, and until the topic is known.
         """
-        own = self._own or self._node.count_publishers(self._own.topic)
-        reader = self._own if own else self._shared
-        return reader.of(limits.names, limits.velocity, oldest, self._loop.time())
+        now, reader = self._loop.time(), self._own
+        if not (self._own or self._node.count_publishers(self._own.topic)):
+            if self._without_own_since is None and self._downstream.available:
+                self._without_own_since = now
+            if self._without_own_since is None or now - self._without_own_since < OWN_TOPIC_S:
+                raise invalid_goal(f'no publisher of {self._own.topic} has been found yet')
+            reader = self._shared
+        return reader.of(limits.names, limits.velocity, oldest, now)
 
 
 def _copy_result(done: 'asyncio.Future[Any]', future: Any) -> None:

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Goals from ROS: the action `~/follow_joint_trajectory` and the two topics for trajectories.
 
-Each request is converted to a goal (goal_action.py) and passed to the driver's goal queue, which
-reports feedback and the outcome.
+Each request is converted to a goal (trajectory_messages.py) and passed to the driver's goal queue,
+which reports feedback and the outcome.
 """
 
 import asyncio
-from collections.abc import Callable
 from functools import partial
 
 from builtin_interfaces.msg import Time
@@ -19,15 +18,20 @@ from trajectory_msgs.msg import JointTrajectory
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import GoalHandle
-from epson_driver.driver.goal.planning_scope import PlanningScope
+from epson_driver.driver.goal.planning_cancellation import PlanningCancellation
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import report_task_error
 from epson_driver.node import messages
-from epson_driver.node.goal_action import ActionType, GoalAction, GoalRequests, OnEnd, log_outcome
-from epson_driver.node.loop_bridge import DriverEndedError, NodeContext
+from epson_driver.node.loop_bridge import (
+    DriverEndedError,
+    GoalAction,
+    NodeContext,
+    OnEnd,
+    log_outcome,
+)
 from epson_driver.node.messages import error_text
-from epson_driver.node.trajectory_messages import duration_in_s
+from epson_driver.node.trajectory_messages import GoalRequests, duration_in_s
 
 MAX_GAP_S = 0.3
 """Maximum time between two messages of a stream, s."""
@@ -48,10 +52,10 @@ WARNING = (
 class PointStreams:
     """Detects a stream of setpoints (single points or windows) on a topic that is meant for goals.
 
-    Each message is executed as a goal, which replaces the running goal after the arm has come to
-    rest. Therefore the arm moves in short jerks and falls behind a stream. The node cannot follow
-    the stream here, because its first message looks like a goal and the arm already moves when the
-    next one arrives. Instead, the node warns once per stream. Times are monotonic, s.
+    Each message is executed as a goal. A goal replaces the running goal only after the arm has
+    come to rest, so the arm moves jerkily and falls behind a stream. The node cannot follow the
+    stream as a stream, because its first message looks like a goal, and the arm already moves when
+    the second message arrives. Therefore the node warns once per stream. Times are monotonic, s.
     """
 
     def __init__(self) -> None:
@@ -59,9 +63,9 @@ class PointStreams:
         self._count = 0
 
     def record_and_check(self, points: int, duration: float, now: float) -> str | None:
-        """Record a trajectory of `points` points that takes `duration` s.
+        """Record a message, and return the warning at the third message of a stream, else None.
 
-        Return the warning once for each stream, otherwise None.
+        points, duration: number of points, and duration of the message's trajectory, s.
         """
         short = points == 1 or duration <= MAX_WINDOW_S
         follows = short and now - self._last < MAX_GAP_S
@@ -78,10 +82,11 @@ class Throttle:
         self._next = 0.0
 
     def passes(self, time: float, rate: float) -> bool:
-        """Return whether to forward the sample at `time`: the first one per period of 1/`rate` s.
+        """Return whether to forward the sample at `time`, s.
 
-        Periods follow each other directly, except after a gap in the samples, so the mean rate is
-        correct.
+        Only the first sample of each period of 1/`rate` s is forwarded. A period starts at the end
+        of the previous period, so the mean rate is correct. After a gap in the samples, it starts
+        at the next sample.
         """
         if time < self._next:
             return False
@@ -91,20 +96,13 @@ class Throttle:
 
 
 IDLE_PERIOD_S, MAX_PERIOD_S = 0.04, 0.5
-"""Maximum periods of ~/controller_state, s: IDLE_PERIOD_S without a goal, MAX_PERIOD_S during a
-goal with a low action_monitor_rate. The panel and smooth_goals read the arm's joints from this
-topic."""
-
-RESULT_TIMEOUT_S = 60
-"""Time for which a goal and its result are stored for late requests, s. rclpy's default of 15
-minutes would store all points of all goals of that time."""
+"""Maximum periods of ~/controller_state, s: IDLE_PERIOD_S without a goal, and MAX_PERIOD_S during
+a goal if action_monitor_rate is low. The panel and smooth_goals read joints from this topic."""
 
 TRAJECTORY_TOPICS = ('~/joint_trajectory', 'joint_path_command')
 
 
 class GoalServer:
-    """Passes goals from ROS to a driver. Must be created in the driver's event loop."""
-
     def __init__(self, context: NodeContext, commands: ArmCommands) -> None:
         node = context.node
         self._logger = node.get_logger()
@@ -125,33 +123,28 @@ class GoalServer:
         )
         for topic in TRAJECTORY_TOPICS:
             node.create_subscription(
-                JointTrajectory,
-                topic,
-                self._on_trajectory,
-                10,
-                callback_group=self._bridge.group,
+                JointTrajectory, topic, self._on_trajectory, 10, callback_group=self._bridge.group
             )
-        action = ActionType(
+        self._action = GoalAction(
+            self._bridge,
+            self._queue,
             FollowJointTrajectory,
             '~/follow_joint_trajectory',
             self._prepare,
             messages.result,
-            RESULT_TIMEOUT_S,
         )
-        self._action = GoalAction(action, self._queue, self._bridge)
 
     @property
     def busy(self) -> bool:
-        """True while a goal of the action has no result."""
         return self._action.busy
 
     # --- from ROS: these run in the executor's thread ---------------------------------------
 
     async def _prepare(
-        self, ros_handle: ServerGoalHandle, _plan: PlanningScope
-    ) -> Callable[[OnEnd], GoalHandle]:
+        self, ros_handle: ServerGoalHandle, _plan: PlanningCancellation, on_end: OnEnd
+    ) -> GoalHandle:
         goal = self.requests.checked_goal(ros_handle.request)
-        return partial(GoalHandle, goal, on_feedback=partial(self._on_feedback, ros_handle))
+        return GoalHandle(goal, on_end, partial(self._on_feedback, ros_handle))
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         try:
@@ -164,9 +157,9 @@ class GoalServer:
             self._bridge.failed('receiving a trajectory', error)
 
     def take_trajectory(self, message: JointTrajectory) -> None:
-        """Submit a trajectory from a topic, or stop the arm if it has no points.
+        """Submit a trajectory from a topic, or stop the arm if the trajectory has no points.
 
-        Raises GoalRejectedError if it is invalid, DriverEndedError if the driver has ended.
+        Raises GoalRejectedError if it is invalid, or DriverEndedError if the driver has ended.
         """
         if not message.points:
             self._bridge.to_loop(self._begin_stop)
@@ -190,7 +183,7 @@ class GoalServer:
             ros_handle.publish_feedback(messages.feedback(execution, sample, stamp))
 
     def publish_state(self, execution: GoalExecution, sample: JointSample) -> Time | None:
-        """Publish `~/controller_state` at `action_monitor_rate`. Return the stamp if published."""
+        """Publish `~/controller_state` if it is due. Return its stamp if published."""
         if not self._feedback_throttle.passes(sample.time, self._values['action_monitor_rate']):
             return None
         stamp = self._clock.now().to_msg()
@@ -199,7 +192,6 @@ class GoalServer:
         return stamp
 
     def on_joints(self, sample: JointSample, stamp: Time) -> None:
-        """Publish the measured joints on `~/controller_state`, unless it has a recent message."""
         period = IDLE_PERIOD_S if self._queue.execution is None else MAX_PERIOD_S
         late = sample.time - self._published >= period
         if late and self._controller_state.get_subscription_count():

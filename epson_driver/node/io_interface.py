@@ -14,33 +14,26 @@ from control_msgs.action import GripperCommand
 from control_msgs.msg import GripperCommand as Command
 from epson_msgs.msg import IoPoint, IoRange, IoStates
 from epson_msgs.srv import ReadIo, WriteIo
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from epson_driver.driver.io.gripper import Gripper
 from epson_driver.driver.io.gripper_wiring import GripperError, GripperState, GripperWiring
 from epson_driver.driver.io.io_client import IoAnswer
 from epson_driver.driver.io.points import IoUnavailableError
-from epson_driver.node.loop_bridge import REQUEST_QOS, DriverEndedError, NodeContext
+from epson_driver.node.loop_bridge import LATCHED, DriverEndedError, NodeContext
 from epson_driver.simple_message import IoAddress, IoSetting
 
 
 class IoInterface:
-    """Publishes the I/O states and serves I/O requests. Must be created in the driver's loop."""
-
     def __init__(self, context: NodeContext) -> None:
         self._io = context.driver.io
         self._bridge = context.bridge
         self._clock = context.node.get_clock()
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._states = context.node.create_publisher(IoStates, '~/io_states', latched)
+        self._states = context.node.create_publisher(IoStates, '~/io_states', LATCHED)
         self._io.on_states = self._publish
-        for kind, name, serve in (
-            (ReadIo, '~/read_io', self._read),
-            (WriteIo, '~/write_io', self._write),
-        ):
-            self._bridge.create_service(kind, name, serve)
+        self._bridge.create_service(ReadIo, '~/read_io', self._read)
+        self._bridge.create_service(WriteIo, '~/write_io', self._write)
 
     def _publish(self) -> None:
         message = IoStates(valid=bool(self._io.states), message=self._io.reason)
@@ -95,7 +88,6 @@ class IoInterface:
 
 
 def refusal(command: Command) -> str:
-    """Return why a gripper command is rejected, or '' if it is accepted."""
     if not math.isfinite(command.position):
         return f'position = {command.position}: must be finite'
     if not command.max_effort <= 0.0:
@@ -110,8 +102,8 @@ class GripperServer:
     """Serves the action `~/gripper_cmd` with a driver's I/O. Must be created in the driver's loop.
 
     The action's type is GripperCommand of control_msgs, which MoveIt's simple controller manager
-    uses. Two outputs open and close the gripper: a position above half of the stroke opens it, any
-    other closes it.
+    uses. Two outputs open and close the gripper. A goal position above half of the stroke opens
+    the gripper, any other position closes it.
     """
 
     def __init__(self, context: NodeContext, wiring: GripperWiring) -> None:
@@ -120,17 +112,12 @@ class GripperServer:
         self._bridge = context.bridge
         self._logger = context.node.get_logger()
         self._moves: dict[bytes, asyncio.Task[GripperState]] = {}
-        self.action_server = ActionServer(
-            context.node,
+        self.action_server = context.bridge.create_action(
             GripperCommand,
             '~/gripper_cmd',
             self._execute,
             goal_callback=self._on_goal,
             cancel_callback=self._on_cancel,
-            callback_group=context.bridge.group,
-            goal_service_qos_profile=REQUEST_QOS,
-            result_service_qos_profile=REQUEST_QOS,
-            cancel_service_qos_profile=REQUEST_QOS,
         )
 
     # --- from ROS: these run in the executor's thread ---------------------------------------
@@ -142,7 +129,7 @@ class GripperServer:
         return GoalResponse.REJECT
 
     def _on_cancel(self, ros_handle: ServerGoalHandle) -> CancelResponse:
-        """End the wait for the gripper. The gripper itself cannot be stopped."""
+        """End the wait for the gripper, which itself cannot be stopped."""
         try:
             self._bridge.to_loop(self._cancel_move, bytes(ros_handle.goal_id.uuid))
         except DriverEndedError:
@@ -168,7 +155,7 @@ class GripperServer:
         return self._result(state, opened)
 
     def _result(self, state: GripperState | None, opened: bool) -> GripperCommand.Result:
-        """Return the result. Its position is NaN if the state is unknown."""
+        """Return the ROS result for a state. The position is NaN if the state is unknown."""
         if state is None:
             return GripperCommand.Result(position=math.nan)
         reached = state.opened if opened else state.closed

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint states by name, from a topic that only the driver should publish.
 
-rclpy does not report the publisher of a message. Two publishers are detected because their
-positions differ: a joint seems to move faster than possible between two messages.
+rclpy does not report the publisher of a message. Two publishers can be detected if their positions
+differ, because a joint then seems to move faster than possible between two messages.
 """
 
 from collections.abc import Iterable, Sequence
@@ -12,19 +12,18 @@ from typing import NamedTuple
 import numpy as np
 from builtin_interfaces.msg import Time
 
-from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.plausibility import DEFAULT_MARGINS, MIN_JUMP
 from epson_driver.driver.state.robot_state import DISTRUST_TIME_S
 from epson_driver.motion import Array
-from epson_driver.node.trajectory_messages import duration_in_s
+from epson_driver.node.trajectory_messages import duration_in_s, invalid_goal
 
 MIN_ELAPSED_S = 0.001
 MAX_POSITION = 1e6
-"""Maximum absolute position, rad or m. A larger one is as invalid as NaN."""
+"""Maximum absolute position, rad or m. A larger position counts as invalid, like NaN."""
 
 
 class Joint(NamedTuple):
-    """State of a joint. `received`: monotonic time of arrival, s. `stamp`: the message's, s."""
+    """State of a joint. `received`: monotonic time of arrival, s. `stamp`: message's stamp, s."""
 
     received: float
     stamp: float
@@ -33,19 +32,16 @@ class Joint(NamedTuple):
 
 
 class JointReader:
-    """Latest state of each joint on a topic. Times are monotonic, s."""
-
     def __init__(self, topic: str) -> None:
         self.topic = topic
         self._joints: dict[str, Joint] = {}
         self._fastest: dict[str, float] = {}
         self._fastest_before: dict[str, float] = {}
-        """Highest speed by joint, per s, before `_since`. `_fastest` has the highest speed after
-        it."""
+        """Highest speed of each joint before `_since`, per s. `_fastest` has the highest speed
+        after it."""
         self._since = 0.0
 
     def __bool__(self) -> bool:
-        """Return whether a valid message was received."""
         return bool(self._joints)
 
     def take(
@@ -56,7 +52,6 @@ class JointReader:
         stamp: Time,
         now: float,
     ) -> bool:
-        """Store a message, unless it is invalid, and return whether it was stored."""
         valid = len(positions) == len(names) == len(set(names))
         if not valid or not np.all(np.abs(positions) < MAX_POSITION):
             return False
@@ -80,26 +75,24 @@ class JointReader:
     def of(
         self, names: Iterable[str], limits: Iterable[float], oldest: float, now: float
     ) -> tuple[Array, Array]:
-        """Return positions and velocities of joints, shapes (n,), at most `oldest` s old.
+        """Return positions and velocities of joints, shapes (n,).
 
-        `limits`: maximum velocities, per s. Raises GoalRejectedError if the state of a joint is
-        missing or older, or if its position jumps.
+        `limits`: maximum velocities, per s. `oldest`: maximum age, s. Raises GoalRejectedError if
+        the state of a joint is missing or too old, or if its position jumps.
         """
         result = []
         for name, limit in zip(names, limits, strict=True):
             joint = self._joints.get(name)
             if joint is None or now - joint.received > oldest:
-                raise _unknown(f'no position of {name} on {self.topic} in the last {oldest:g} s')
+                raise invalid_goal(
+                    f'no position of {name} on {self.topic} in the last {oldest:g} s'
+                )
             speed = max(self._fastest.get(name, 0.0), self._fastest_before.get(name, 0.0))
             if speed > DEFAULT_MARGINS.velocity * limit:
-                raise _unknown(
+                raise invalid_goal(
                     f'{name} jumps on {self.topic}, at {speed:.3g} /s where its limit is '
                     f'{limit:.3g} /s: two publishers disagree. Stop all except the driver'
                 )
             result.append((joint.position, joint.velocity))
         positions, velocities = np.array(result, dtype=float).reshape(-1, 2).T
         return positions, velocities
-
-
-def _unknown(text: str) -> GoalRejectedError:
-    return GoalRejectedError(ErrorCode.INVALID_GOAL, text)

@@ -5,7 +5,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from builtin_interfaces.msg import Duration, Time
+from builtin_interfaces.msg import Time
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTrajectoryControllerState
 from industrial_msgs.msg import RobotMode, RobotStatus, TriState
@@ -17,6 +17,7 @@ from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.outcome import Outcome
 from epson_driver.driver.remedy import Remedy, with_remedy
 from epson_driver.driver.state.robot_state import JointSample
+from epson_driver.node.trajectory_messages import duration_message
 from epson_driver.simple_message import Mode, Status
 
 WORDS = {
@@ -33,17 +34,15 @@ WORDS = {
 
 
 def outcome_text(outcome: Outcome) -> str:
-    """Return the reason for a goal's end, and the remedy."""
     return with_remedy(outcome.text, outcome.remedy, WORDS)
 
 
 def error_text(error: CommandError) -> str:
-    """Return the reason why a command failed, and the remedy."""
     return with_remedy(str(error), error.remedy, WORDS)
 
 
 class JointStateWriter:
-    """Writes joint samples to one reused JointState message."""
+    """Writes joint samples to a message, which is only valid until the next call of `write`."""
 
     def __init__(self, joint_names: Sequence[str], frame_id: str = '') -> None:
         zeros = [0.0] * len(joint_names)
@@ -54,7 +53,6 @@ class JointStateWriter:
         self._velocities = np.frombuffer(message.velocity)
 
     def write(self, sample: JointSample, stamp: Time) -> JointState:
-        """Return the message for a measured sample, valid until the next call."""
         message = self._message
         message.header.stamp = stamp
         self._positions[:] = sample.positions
@@ -63,14 +61,13 @@ class JointStateWriter:
 
 
 class RobotStatusWriter:
-    """Converts STATUS to RobotStatus, reusing the last message for an unchanged STATUS."""
+    """Converts STATUS to RobotStatus. For an unchanged STATUS, the last message is reused."""
 
     def __init__(self) -> None:
         self._status = Status()
         self._message = robot_status(self._status, Time())
 
     def write(self, status: Status, stamp: Time) -> RobotStatus:
-        """Return the message, valid until the next call."""
         if status == self._status:
             self._message.header.stamp = stamp
         else:
@@ -79,7 +76,7 @@ class RobotStatusWriter:
 
 
 def robot_status(status: Status, stamp: Time) -> RobotStatus:
-    """Return a STATUS as industrial_msgs/RobotStatus. Values outside its enums become UNKNOWN."""
+    """Return a STATUS as industrial_msgs/RobotStatus. A value outside an enum becomes UNKNOWN."""
     message = RobotStatus()
     message.header.stamp = stamp
     known_mode = status.mode in (Mode.MANUAL, Mode.AUTO)
@@ -92,7 +89,6 @@ def robot_status(status: Status, stamp: Time) -> RobotStatus:
 
 
 def result(outcome: Outcome) -> FollowJointTrajectory.Result:
-    """Convert an outcome to an action result."""
     text = outcome_text(outcome)
     return FollowJointTrajectory.Result(error_code=int(outcome.code), error_string=text)
 
@@ -100,7 +96,6 @@ def result(outcome: Outcome) -> FollowJointTrajectory.Result:
 def feedback(
     execution: GoalExecution, sample: JointSample, stamp: Time
 ) -> FollowJointTrajectory.Feedback:
-    """Return the planned and the measured state of the arm, and their difference."""
     message = FollowJointTrajectory.Feedback()
     message.header.stamp = stamp
     message.joint_names = list(execution.goal.trajectory.joint_names)
@@ -111,7 +106,6 @@ def feedback(
 def controller_state(
     execution: GoalExecution, sample: JointSample, stamp: Time
 ) -> JointTrajectoryControllerState:
-    """Return the state message of a running goal, as joint_trajectory_controller publishes it."""
     message = JointTrajectoryControllerState()
     message.header.stamp = stamp
     message.joint_names = list(execution.goal.trajectory.joint_names)
@@ -119,7 +113,7 @@ def controller_state(
     trajectory, target = execution.goal.trajectory, execution.target
     message.output = JointTrajectoryPoint(
         positions=trajectory.positions[target].tolist(),
-        time_from_start=_duration(float(trajectory.times[target])),
+        time_from_start=duration_message(float(trajectory.times[target])),
     )
     message.speed_scaling_factor = execution.speed(sample.time)
     return message
@@ -128,7 +122,6 @@ def controller_state(
 def idle_state(
     names: Sequence[str], sample: JointSample, stamp: Time
 ) -> JointTrajectoryControllerState:
-    """Return the state message when no goal runs. It has only the measured state."""
     message = JointTrajectoryControllerState(speed_scaling_factor=1.0)
     message.joint_names = list(names)
     message.header.stamp = stamp
@@ -145,12 +138,12 @@ def _points(
     desired = JointTrajectoryPoint(
         positions=positions.tolist(),
         velocities=velocities.tolist(),
-        time_from_start=_duration(time),
+        time_from_start=duration_message(max(time, 0.0)),
     )
     actual = JointTrajectoryPoint(
         positions=sample.positions.tolist(),
         velocities=sample.velocities.tolist(),
-        time_from_start=_duration(sample.time - execution.started),
+        time_from_start=duration_message(max(sample.time - execution.started, 0.0)),
     )
     error = JointTrajectoryPoint(
         positions=(positions - sample.positions).tolist(),
@@ -158,8 +151,3 @@ def _points(
         time_from_start=actual.time_from_start,
     )
     return desired, actual, error
-
-
-def _duration(seconds: float) -> Duration:
-    sec, nanosec = divmod(round(max(seconds, 0.0) * 1e9), 10**9)
-    return Duration(sec=sec, nanosec=nanosec)

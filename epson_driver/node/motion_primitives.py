@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The action `~/execute_motion_primitive_sequence`: a sequence of joint moves, lines and arcs.
 
-The whole sequence is planned from the current position and executed as one goal of the driver's
-queue. It is checked, stopped and reported like a trajectory.
+The whole sequence is planned from the current position, and executed as one goal of the driver's
+queue. The goal is checked, stopped and reported like a trajectory.
 """
 
 import asyncio
@@ -13,24 +13,24 @@ from functools import partial
 import numpy as np
 from control_msgs.action import ExecuteMotionPrimitiveSequence
 from control_msgs.msg import MotionArgument, MotionPrimitive, MotionPrimitiveSequence
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Pose, PoseStamped
 from rclpy.action.server import ServerGoalHandle
 
 from epson_driver.driver.delivery.statements import MAX_CHARACTERS, Load, StatementDelivery
 from epson_driver.driver.goal.goal import check_limits
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
-from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
+from epson_driver.driver.goal.planning_cancellation import PlanningCancellation, PlanningEndedError
 from epson_driver.driver.inhibit import Purpose
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.inputs import InputError, Rule, number, shown
 from epson_driver.motion import Array, JointLimits, Trajectory
-from epson_driver.node.goal_action import ActionType, GoalAction, OnEnd
-from epson_driver.node.goal_server import RESULT_TIMEOUT_S, GoalServer
-from epson_driver.node.loop_bridge import NodeContext
+from epson_driver.node.goal_server import GoalServer
+from epson_driver.node.loop_bridge import GoalAction, NodeContext, OnEnd
 from epson_driver.node.messages import outcome_text
+from epson_driver.node.trajectory_messages import invalid_goal
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.tool_motion.motion_sequence import (
     Kind,
@@ -39,13 +39,11 @@ from epson_driver.tool_motion.motion_sequence import (
     SequenceError,
     plan_sequence,
 )
+from epson_driver.tool_motion.tool_pose import finite_numbers, pose_of_quaternion
 from epson_driver.tool_motion.tool_trajectory import ToolLimits
 
 MAX_PRIMITIVES = 256
 """Maximum number of motions, because the feedback's current_primitive_index is a uint8."""
-
-UNIT_TOLERANCE = 1e-3
-"""Maximum deviation of a quaternion's length from 1."""
 
 POSES = {Kind.LINEAR_JOINT: 0, Kind.LINEAR_CARTESIAN: 1, Kind.CIRCULAR_CARTESIAN: 2}
 
@@ -54,8 +52,8 @@ ARGUMENTS: dict[str, Rule] = {
     'acceleration': number(1e-4, 100_000.0, 'rad/s² or m/s²'),
     'move_time': number(0.0, 3600.0, 's'),
 }
-"""Allowed additional arguments of a motion. A joint move has the velocity and acceleration of its
-joints, other motions those of the tool. A nonzero move_time replaces both."""
+"""Allowed additional arguments of a motion. Velocity and acceleration apply to the joints in a
+joint move, and to the tool in other motions. A nonzero move_time replaces both."""
 
 _CODES = (ErrorCode.SUCCESSFUL, ErrorCode.INVALID_GOAL, ErrorCode.OLD_HEADER_TIMESTAMP)
 
@@ -63,13 +61,10 @@ _CODES = (ErrorCode.SUCCESSFUL, ErrorCode.INVALID_GOAL, ErrorCode.OLD_HEADER_TIM
 def primitives_from_message(
     message: MotionPrimitiveSequence, limits: JointLimits, frame: str
 ) -> list[Primitive]:
-    """Return the motions of a message. Its joint positions are in the order of `limits`.
-
-    `frame`: the frame that poses must have. Raises GoalRejectedError if a motion is invalid.
-    """
+    """Return the motions of a message. Poses must be in `frame`."""
     count = len(message.motions)
     if not 0 < count <= MAX_PRIMITIVES:
-        raise _invalid(f'trajectory has {count} motions: must have 1 to {MAX_PRIMITIVES}')
+        raise invalid_goal(f'trajectory has {count} motions: must have 1 to {MAX_PRIMITIVES}')
     return [
         _named(f'motions[{index}]', partial(_primitive, item, limits, frame))
         for index, item in enumerate(message.motions)
@@ -77,7 +72,6 @@ def primitives_from_message(
 
 
 def primitive_result(outcome: Outcome) -> ExecuteMotionPrimitiveSequence.Result:
-    """Convert an outcome to an action result, which has fewer codes than FollowJointTrajectory."""
     code = outcome.code if outcome.code in _CODES else ErrorCode.INVALID_GOAL
     text = outcome_text(outcome)
     return ExecuteMotionPrimitiveSequence.Result(error_code=int(code), error_string=text)
@@ -86,8 +80,8 @@ def primitive_result(outcome: Outcome) -> ExecuteMotionPrimitiveSequence.Result:
 def _named(where: str, read: Callable[[], Primitive]) -> Primitive:
     try:
         return read()
-    except (InputError, GoalRejectedError) as error:
-        raise _invalid(f'{where}: {error}') from error
+    except (ValueError, GoalRejectedError) as error:
+        raise invalid_goal(f'{where}: {error}') from error
 
 
 def _primitive(message: MotionPrimitive, limits: JointLimits, frame: str) -> Primitive:
@@ -151,23 +145,13 @@ def _joints(values: Sequence[float], limits: JointLimits) -> Array:
 
 
 def _pose(field: str, message: PoseStamped, frame: str) -> Array:
-    place = _place(field, message, frame)
-    orientation = message.pose.orientation
-    x, y, z, w = quaternion = np.array([getattr(orientation, name) for name in 'xyzw'])
-    length = float(np.linalg.norm(quaternion))
-    if not abs(length - 1.0) <= UNIT_TOLERANCE:
-        raise InputError(
-            f'{field}: the orientation x, y, z, w = {x:g}, {y:g}, {z:g}, {w:g} must have length 1'
-        )
-    x, y, z, w = quaternion / length
-    pose = np.eye(4)
-    pose[:3, :3] = (
-        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
-        (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
-        (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
-    )
-    pose[:3, 3] = place
-    return pose
+    _place(field, message, frame)
+    return pose_of_quaternion(field, finite_numbers(field, pose_values(message.pose)))
+
+
+def pose_values(pose: Pose) -> list[float]:
+    place = [getattr(pose.position, name) for name in 'xyz']
+    return place + [getattr(pose.orientation, name) for name in 'xyzw']
 
 
 def _place(field: str, message: PoseStamped, frame: str) -> Array:
@@ -190,7 +174,7 @@ RETIMED = (
 RESTS = 'must be 0: over Remote Ethernet alone the arm stops after each motion, without timing'
 
 HALF_STEP_S = 1e-4
-"""A trajectory point up to this time, s, before the end of a motion counts as its end."""
+"""Maximum time before the end of a motion at which a trajectory point counts as its end, s."""
 
 
 class ToolBusyError(RuntimeError):
@@ -204,8 +188,6 @@ class ToolBusyError(RuntimeError):
 
 
 class MotionPrimitives:
-    """Serves the action for motion sequences. Must be created in the driver's event loop."""
-
     def __init__(self, context: NodeContext, goals: GoalServer) -> None:
         self._setup = context.setup
         self._driver = context.driver
@@ -213,45 +195,41 @@ class MotionPrimitives:
         self._goals = goals
         self._bridge = context.bridge
         self.kinematics = Kinematics(self._setup.model)
-        """Kinematics of the arm with the current tool. Poses in goals are poses of this tool."""
+        """Kinematics of the arm with the current tool, to which the poses in goals refer."""
         self._tool = np.eye(4)
-        action = ActionType(
+        self._action = GoalAction(
+            self._bridge,
+            self._queue,
             ExecuteMotionPrimitiveSequence,
             '~/execute_motion_primitive_sequence',
             self._prepare,
             primitive_result,
-            RESULT_TIMEOUT_S,
         )
-        self._action = GoalAction(action, self._queue, self._bridge)
 
     @property
     def busy(self) -> bool:
-        """True while a goal of the action has no result."""
         return self._action.busy
 
     # --- from ROS: in the executor's thread -------------------------------------------------
 
     def set_tool(self, pose: Array) -> None:
-        """Set the tool for later sequences. pose: in tool0, shape (4, 4), m.
-
-        Raises ToolBusyError if a sequence is being planned or executed.
-        """
+        """Set the tool for later sequences. pose: pose of the tool in tool0, shape (4, 4), m."""
         if self.busy:
             raise ToolBusyError
         self.kinematics, self._tool = Kinematics(self._setup.model, pose), pose
 
     def set_payload(self, mass: float) -> bool:
-        """Set the payload, kg, to send with each motion. Return whether this is supported."""
+        """Set the payload that is sent with each motion, kg. Return whether this is supported."""
         if self._driver.statements is None:
             return False
         self._driver.statements.load = Load(mass) if mass else None
         return True
 
     async def _prepare(
-        self, ros_handle: ServerGoalHandle, plan: PlanningScope
-    ) -> Callable[[OnEnd], GoalHandle]:
+        self, ros_handle: ServerGoalHandle, plan: PlanningCancellation, on_end: OnEnd
+    ) -> GoalHandle:
         if self._setup.values['timing'] == 'time_optimal':
-            raise _invalid(RETIMED)
+            raise invalid_goal(RETIMED)
         primitives = primitives_from_message(
             ros_handle.request.trajectory,
             self._setup.model.limits,
@@ -265,15 +243,14 @@ class MotionPrimitives:
             )
         goal = self._setup.goal(planned.trajectory, statement)
         on_feedback = partial(self._on_feedback, ros_handle, planned)
-        return partial(GoalHandle, goal, on_feedback=on_feedback, plan=plan)
+        return GoalHandle(goal, on_end, on_feedback, plan=plan)
 
     # --- in the loop's thread ---------------------------------------------------------------
 
-    async def start_positions(self, plan: PlanningScope) -> Array:
+    async def start_positions(self, plan: PlanningCancellation) -> Array:
         """Return the joint positions from which a motion can be planned, shape (n,).
 
-        A stop, or any other event that inhibits motion, cancels `plan`. Raises GoalRejectedError
-        if no motion may start now.
+        A stop, or any other event that inhibits motion, cancels `plan`.
         """
         self._queue.plans.begin(plan)
         self._queue.check(Purpose.ALONE, asyncio.get_running_loop().time())
@@ -282,8 +259,9 @@ class MotionPrimitives:
         )
         return self._queue.ready_sample(now).positions
 
-    async def _plan(self, primitives: list[Primitive], plan: PlanningScope) -> PlannedSequence:
-        """Plan a sequence from the current position in a thread, which `plan` can interrupt."""
+    async def _plan(
+        self, primitives: list[Primitive], plan: PlanningCancellation
+    ) -> PlannedSequence:
         start = await self.start_positions(plan)
         try:
             return await plan.in_thread(
@@ -296,7 +274,7 @@ class MotionPrimitives:
                 )
             )
         except (SequenceError, PlanningEndedError) as error:
-            raise _invalid(str(error)) from error
+            raise invalid_goal(str(error)) from error
 
     def _on_feedback(
         self,
@@ -324,8 +302,8 @@ def sequence_statement(
 ) -> str:
     """Return a planned sequence as SPEL+ statements for one `$Execute` of Remote Ethernet.
 
-    The arm stops after each statement. tool: in the flange, shape (4, 4), m. Raises
-    GoalRejectedError if statements cannot express the sequence.
+    The arm stops after each statement. tool: pose of the tool in the flange, shape (4, 4), m.
+    Raises GoalRejectedError if statements cannot express the sequence.
     """
     texts, trajectory = [], planned.trajectory
     end_indices = np.searchsorted(trajectory.times, planned.ends - HALF_STEP_S)
@@ -336,7 +314,7 @@ def sequence_statement(
             ('move_time', primitive.move_time),
         ):
             if value:
-                raise _invalid(f'motions[{index}]: {field} = {value:g}: {RESTS}')
+                raise invalid_goal(f'motions[{index}]: {field} = {value:g}: {RESTS}')
         positions = trajectory.positions[start : end + 1]
         if primitive.kind is Kind.LINEAR_JOINT:
             limits = arm.model.limits
@@ -352,13 +330,9 @@ def sequence_statement(
         start = end
     text = '; '.join(texts)
     if len(text) > MAX_CHARACTERS:
-        raise _invalid(f'{len(primitives)} motions: too long for one $Execute, send fewer')
+        raise invalid_goal(f'{len(primitives)} motions: too long for one $Execute, send fewer')
     return text
 
 
 def _fraction(requested: float | None, limits: Array) -> float:
     return 1.0 if requested is None else min(float(np.min(requested / limits)), 1.0)
-
-
-def _invalid(text: str) -> GoalRejectedError:
-    return GoalRejectedError(ErrorCode.INVALID_GOAL, text)

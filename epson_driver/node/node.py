@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ROS 2 node: it connects topics, services and the action with the `Driver`.
 
-It has two threads. One runs rclpy's executor, the other the driver's event loop, which also
-publishes. Requests enter the loop with `call_soon_threadsafe`. Replies return through an rclpy
-future.
+It has two threads. The first one runs rclpy's executor. The second one runs the driver's event
+loop, which also publishes. Requests enter the loop through `call_soon_threadsafe`, and replies
+return through an rclpy future.
 """
 
 import asyncio
@@ -19,7 +19,6 @@ from industrial_msgs.msg import RobotStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
@@ -31,7 +30,7 @@ from epson_driver.node import messages, parameters
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.node.goal_server import GoalServer
 from epson_driver.node.io_interface import GripperServer, IoInterface
-from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge, NodeContext
+from epson_driver.node.loop_bridge import LATCHED, DriverEndedError, LoopBridge, NodeContext
 from epson_driver.node.messages import error_text
 from epson_driver.node.motion_primitives import MotionPrimitives
 from epson_driver.node.points_interface import PointsInterface
@@ -43,20 +42,17 @@ from epson_driver.simple_message import Status
 from epson_driver.trace import TraceError
 
 PERIOD_S = 0.05
-"""Time between two published values while the speed scaling ramps, s."""
+"""Time between two published values of the speed scaling while it changes, s."""
 
 
 class SpeedScalingInterface:
-    """Publishes and sets the speed scaling. Must be created in the driver's loop."""
-
     def __init__(self, context: NodeContext) -> None:
         self._goals = context.driver.goal_queue
         self._scaling = self._goals.scaling
         self._bridge = context.bridge
         self._logger = context.node.get_logger()
         self._ramp: asyncio.Task[None] | None = None
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._factor = context.node.create_publisher(Float64, '~/speed_scaling', latched)
+        self._factor = context.node.create_publisher(Float64, '~/speed_scaling', LATCHED)
         self._factor.publish(Float64(data=self._scaling.target))
         self._bridge.create_service(SetSpeedScaling, '~/set_speed_scaling', self._serve)
 
@@ -93,13 +89,13 @@ LOOK_PERIOD_S = 0.25
 """Period of the search for nodes with the same name, s. rclpy has no events for graph changes."""
 
 DISCOVERY_S = 2.0
-"""Time within which nodes discover each other, s (measured on a busy machine: 1.2 s)."""
+"""Maximum time in which nodes discover each other, s (measured on a busy machine: 1.2 s)."""
 
 FAST_DDS = bytes((1, 15))
-"""First bytes of a GUID of Fast DDS. Two bytes for the host and two for the process follow."""
+"""First bytes of a GUID of Fast DDS. Two bytes follow for the host, and two for the process."""
 
 
-class Namesakes:
+class DuplicateNodes:
     """Finds other nodes with this node's name, or with a service of the same name.
 
     Must be created after the services of the node.
@@ -113,7 +109,7 @@ class Namesakes:
         ]
 
     def __call__(self) -> str:
-        """Return the shared name and the other processes as a clause, or '' if it is unique."""
+        """Return a clause with the shared name and the other processes, or '' if it is unique."""
         node = self._node
         name = next((item for item in self._names if node.handle.get_count_services(item) > 1), '')
         own = (node.get_name(), node.get_namespace())
@@ -122,7 +118,6 @@ class Namesakes:
         return (name or node.get_fully_qualified_name()) + self._processes(name)
 
     def _processes(self, service: str) -> str:
-        """Return the process ids of other nodes with `service`, as text, if they use Fast DDS."""
         result: list[Any] = self._node.get_subscriptions_info_by_topic(
             f'rq{service}Request', no_mangle=True
         )
@@ -142,10 +137,7 @@ def _process(guid: bytes) -> int:
 
 
 class ClientNode:
-    """Connects an rclpy node with a driver. Must be created in the driver's event loop.
-
-    Raises ValueError for invalid parameters.
-    """
+    """Connects an rclpy node with a driver. Must be created in the driver's event loop."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -162,15 +154,25 @@ class ClientNode:
         self._tracing = self._context.run(parameters.Tracing, self.driver.trace, self._parameters)
         self._bridge = LoopBridge(node, self._context, self.driver.fault)
         self.commands = ArmCommands(self.driver, self._bridge.all_taken)
-        """Implements `~/stop`, `~/enable`, `~/disable` and `~/reset_error`."""
+        """Implementation of `~/stop`, `~/enable`, `~/disable` and `~/reset_error`."""
         self._joint_state = messages.JointStateWriter(
             self.driver.configuration.limits.names, self._parameters['frame_id']
         )
         self._status = messages.RobotStatusWriter()
         self._clock = node.get_clock()
         self._stamps = RosTimeStamps(self._clock, self._loop.time)
-        self._make_publishers()
-        self._make_services()
+        self._joint_states = node.create_publisher(JointState, 'joint_states', 10)
+        self._robot_status = node.create_publisher(RobotStatus, 'robot_status', 10)
+        self._link_state = node.create_publisher(String, '~/link_state', LATCHED)
+        self._diagnostic_array = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        for name, command in (
+            ('stop', self.commands.stop),
+            ('enable', self.commands.enable),
+            ('disable', self.commands.disable),
+            ('reset_error', self.commands.reset_error),
+        ):
+            serve = self._trigger(name, command)
+            self._bridge.create_service(Trigger, f'~/{name}', serve)
         context = NodeContext(self.driver, self._setup, self._bridge)
         self._io = IoInterface(context)
         wiring = self._setup.gripper
@@ -185,26 +187,21 @@ class ClientNode:
         self._diagnostics = Diagnostics(
             self.driver, node.get_fully_qualified_name().lstrip('/'), self._servo.publishers
         )
-        self.driver.namesakes = Namesakes(node)
-        self.driver.namesakes_known = self._loop.time() + DISCOVERY_S
+        self.driver.second_driver = DuplicateNodes(node)
+        self.driver.second_driver_known = self._loop.time() + DISCOVERY_S
         node.add_on_set_parameters_callback(self._on_set_parameters)
         self.on_link_state(self.driver.state_link.state.value, 'starting')
 
     async def run(self) -> None:
-        """Run the driver until cancelled. Raises the exception of a part that failed."""
         parts = {
             'the driver': self.driver.run,
             'diagnostics': self._publish_diagnostics,
-            'searching for nodes with the same name': self._look_for_namesakes,
+            'searching for nodes with the same name': self._look_for_second_driver,
         }
         together = run_task_group(parts, self.driver.shut_down)
         await self._loop.create_task(together, context=self._context)
 
     async def shut_down(self) -> None:
-        """Stop the arm, and wait until the results of all goals are sent.
-
-        Raises TimeoutError after RESULTS_TIMEOUT_S.
-        """
         busy = self._busy
         await self._loop.create_task(self.driver.shut_down(), context=self._context)
         await self._bridge.results_sent(lambda: self._busy, busy=busy)
@@ -214,28 +211,7 @@ class ClientNode:
         return self.goal_server.busy or self._primitives.busy
 
     def end(self) -> None:
-        """Answer every pending request after the end of the loop. Callable in any thread."""
         self._bridge.end()
-
-    # --- setting up -------------------------------------------------------------------------
-
-    def _make_publishers(self) -> None:
-        node = self._node
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._joint_states = node.create_publisher(JointState, 'joint_states', 10)
-        self._robot_status = node.create_publisher(RobotStatus, 'robot_status', 10)
-        self._link_state = node.create_publisher(String, '~/link_state', latched)
-        self._diagnostic_array = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
-
-    def _make_services(self) -> None:
-        for name, command in (
-            ('stop', self.commands.stop),
-            ('enable', self.commands.enable),
-            ('disable', self.commands.disable),
-            ('reset_error', self.commands.reset_error),
-        ):
-            serve = self._trigger(name, command)
-            self._bridge.create_service(Trigger, f'~/{name}', serve)
 
     # --- from ROS: these run in the executor's thread ---------------------------------------
 
@@ -264,10 +240,9 @@ class ClientNode:
         return SetParametersResult(successful=not why, reason=why)
 
     def _set_parameters(self, changes: list[Parameter]) -> str:
-        """Apply changes and return ''. If one is invalid, apply none and return the reason.
+        """Apply changes, and return ''. If one of them is invalid, apply none and return why.
 
-        rclpy has already checked ranges and read-only flags from the descriptors. Raises
-        TraceError if a trace file cannot be created, DriverEndedError if the driver has ended.
+        rclpy has already checked ranges and read-only flags from the descriptors.
         """
         values = {
             parameter.name: parameter.value
@@ -284,24 +259,21 @@ class ClientNode:
     # --- from the driver: these run in the loop's thread ------------------------------------
 
     def on_joints(self, sample: JointSample) -> None:
-        """Publish `joint_states`, stamped with the time of the measurement."""
         stamp = self._stamps.stamp(sample.measured)
         self._joint_states.publish(self._joint_state.write(sample, stamp))
         self.goal_server.on_joints(sample, stamp)
 
     def on_status(self, status: Status) -> None:
-        """Publish `robot_status`."""
         stamp = self._clock.now().to_msg()
         self._robot_status.publish(self._status.write(status, stamp))
 
     def on_link_state(self, name: str, why: str) -> None:
-        """Publish `~/link_state`."""
         self._node.get_logger().debug(f'link {name}: {why}')
         self._link_state.publish(String(data=name))
 
-    async def _look_for_namesakes(self) -> None:
+    async def _look_for_second_driver(self) -> None:
         while True:
-            self.driver.check_namesakes()
+            self.driver.check_second_driver()
             await asyncio.sleep(LOOK_PERIOD_S)
 
     async def _publish_diagnostics(self) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Declares the node's parameters from the table of settings, and runs the traces they request."""
+"""Declares the node's parameters from the table of settings, and runs the requested traces."""
 
 import asyncio
 import logging
@@ -28,7 +28,6 @@ _log = logging.getLogger(__name__)
 
 
 def descriptor(row: Row) -> ParameterDescriptor:
-    """Return the descriptor of a parameter, as shown by `ros2 param describe`."""
     shown_row = ParameterDescriptor(
         description=row.description + ('' if row.now else ' Read at the start.'),
         read_only=not row.now,
@@ -50,8 +49,11 @@ def declare(node: Node) -> dict[str, Any]:
     """Declare all parameters on an rclpy node and return their values by name.
 
     The controller's profile and the robot model determine some of the defaults. Raises InputError
-    if a value is invalid, or rclpy's ParameterException if rclpy checks it.
+    if a value is invalid, or ParameterException if rclpy rejects it. `robot`, an argument of the
+    launch files, is an error, because without it the node would drive the default robot.
     """
+    if 'robot' in (_overrides(node) or ()):
+        raise InputError('parameter robot: is unknown; give the file alone: client robot.yaml')
     values = declare_rows(node, [ROWS['controller']])
     defaults = profile_defaults(_loaded('controller', values, load_controller_profile))
     values |= declare_rows(node, [ROWS['robot_model']])
@@ -68,14 +70,8 @@ def declare(node: Node) -> dict[str, Any]:
 
 
 def undeclared(node: Node) -> Iterator[str]:
-    """Yield a warning for each given parameter that the node does not have.
-
-    The given parameters are only in a private attribute of rclpy. If it is missing, the only
-    warning says so. automatically_declare_parameters_from_overrides would create a public list,
-    but it fails for an empty array before `declare` can report the error, and its own error does
-    not name the parameter.
-    """
-    overrides = getattr(node, '_parameter_overrides', None)
+    """Yield a warning for each given parameter that the node does not have."""
+    overrides = _overrides(node)
     if overrides is None:
         yield 'this rclpy does not list the given parameters: misspelled ones are ignored'
         return
@@ -87,12 +83,18 @@ def undeclared(node: Node) -> Iterator[str]:
             )
 
 
-def rejection(changes: Iterable[Parameter]) -> str:
-    """Return why a parameter cannot have its new value, or '' if all can.
+def _overrides(node: Node) -> dict[str, Parameter] | None:
+    """Return the given parameters, or None if this rclpy has no such private attribute.
 
-    Only parameters with fixed choices are checked, because rclpy checks ranges, types and
-    read-only flags.
+    The option automatically_declare_parameters_from_overrides would provide a public list, but it
+    fails for an empty array, with an error that does not name the parameter, before `declare` can
+    report it.
     """
+    return getattr(node, '_parameter_overrides', None)
+
+
+def rejection(changes: Iterable[Parameter]) -> str:
+    """Return why a parameter cannot have its new value, or ''. rclpy checks ranges and types."""
     for change in changes:
         if change.name in ROWS and ROWS[change.name].choices:
             try:
@@ -103,7 +105,6 @@ def rejection(changes: Iterable[Parameter]) -> str:
 
 
 def declare_rows(node: Node, rows: Iterable[Row]) -> dict[str, Any]:
-    """Declare the parameters in `rows` and return their values by name (see `declare`)."""
     values = {}
     for row in rows:
         value = _declared(node, row)
@@ -117,7 +118,7 @@ def declare_rows(node: Node, rows: Iterable[Row]) -> dict[str, Any]:
 
 
 def _declared(node: Node, row: Row) -> Any:
-    """Declare a parameter. A whole number is accepted for a double, also in a list."""
+    """Declare a parameter. For a double, a whole number is accepted, too, even in a list."""
     try:
         return node.declare_parameter(row.name, row.default, descriptor(row)).value
     except InvalidParameterTypeException:
@@ -148,7 +149,6 @@ class Tracing:
     """
 
     def __init__(self, trace: Trace, values: Mapping[str, Any]) -> None:
-        """Start the trace that the parameters request, if any, and log an error if this fails."""
         self._trace = trace
         self._folder: str = values['trace_folder']
         self._loop = asyncio.get_running_loop()
@@ -158,10 +158,7 @@ class Tracing:
             _log.error('%s', error)
 
     def change(self, values: Mapping[str, Any]) -> None:
-        """Apply new values of the trace parameters. Callable in any thread.
-
-        Raises TraceError, and changes nothing, if the file cannot be created.
-        """
+        """Apply new values of the trace parameters. Any thread may call this."""
         name = values.get('trace_file')
         file = open_trace(self._folder, name) if name else None
         if 'trace_size' in values:

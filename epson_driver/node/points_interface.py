@@ -16,8 +16,8 @@ from geometry_msgs.msg import Pose
 
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
-from epson_driver.driver.goal.planning_scope import PlanningScope
-from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.goal.planning_cancellation import PlanningCancellation
+from epson_driver.driver.outcome import End, GoalRejectedError, Outcome
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.inputs import InputError, number, printable, shown
@@ -27,6 +27,7 @@ from epson_driver.node.loop_bridge import NodeContext
 from epson_driver.node.messages import outcome_text
 from epson_driver.node.motion_primitives import MotionPrimitives
 from epson_driver.node.tool_interface import BASE, StaticFrames, links, set_values
+from epson_driver.node.trajectory_messages import invalid_goal
 from epson_driver.taught_points import EpsonPoint, Posture, TaughtPoints, taught
 from epson_driver.tool_motion.tool_pose import quaternion_pose
 
@@ -35,11 +36,7 @@ DEFAULT_SPEED, ACCELERATION = 0.2, 0.5
 
 
 class PointsInterface:
-    """Serves taught points with a driver. Must be created in the driver's event loop.
-
-    `primitives` provides the tool. A missing file is created with the first point. Raises
-    InputError if the file is invalid.
-    """
+    """Serves taught points of a driver's arm. A missing file is created with the first point."""
 
     def __init__(
         self,
@@ -128,7 +125,6 @@ class PointsInterface:
         return f'point {request.name}: {outcome.text}'
 
     def _save(self) -> None:
-        """Publish the points' frames and save the points. Raises InputError if this fails."""
         self._publish()
         if self._file is not None:
             try:
@@ -140,7 +136,6 @@ class PointsInterface:
         return 'this node' if self._file is None else printable(self._file)
 
     def _poses(self) -> dict[str, Array]:
-        """Return the poses of the points in base_link, shape (4, 4), m, by name."""
         to_base_link = self._primitives.kinematics.from_base
         return {name: to_base_link(point.pose) for name, point in self._points.places.items()}
 
@@ -159,7 +154,7 @@ class PointsInterface:
     # --- in the loop's thread ---------------------------------------------------------------
 
     async def _here(self) -> tuple[EpsonPoint, Posture | str]:
-        """Return the tool's pose, and the arm's posture or the reason why it is unknown."""
+        """Return the tool's pose, and the arm's posture or the reason why this is unknown."""
         robot = self._driver.robot
         now = await wait_for_fresh_state(robot.stale, self._driver.changed, FRESH_POSE_TIMEOUT_S)
         if (why := robot.why_not_ready(now)) is not None:
@@ -168,13 +163,12 @@ class PointsInterface:
         return taught(self._primitives.kinematics, robot.sample.positions)
 
     async def _move(self, name: str, point: EpsonPoint, speed: float) -> Outcome:
-        plan = PlanningScope()
+        plan = PlanningCancellation()
         start = await self._primitives.start_positions(plan)
         arm, statements = self._primitives.kinematics, self._driver.statements
         result = arm.inverse(arm.from_base(point.pose), start)
         if not len(result):
-            raise GoalRejectedError(
-                ErrorCode.INVALID_GOAL,
+            raise invalid_goal(
                 f'point {name}: out of reach, no joint positions reach it',
             )
         trajectory, written = self._setup.joint_move(start, result[0], speed, ACCELERATION)

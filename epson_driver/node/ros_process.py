@@ -33,18 +33,19 @@ LEAVE_TIMEOUT_S = 2.0
 """Timeout for sending the last replies, s."""
 
 LAST_ROUNDS = 3
-"""Executor rounds before the end: one for the future of a goal, a second for the task that sends
-its reply, and a spare one."""
+"""Executor rounds before the end: one for the future of a goal, a second one for the task that
+sends the reply, and a spare one."""
 
 
 class RosThread:
     """A thread that spins an executor until `leave`.
 
     * on_error: called in the thread with each exception, and if the thread ends early.
-    * context: the nodes' context, or None for rclpy's default.
+    * context: the nodes' context, or None for rclpy's default context.
 
-    After an exception the thread continues if possible, to answer requests while the arms stop. It
-    does not use `spin_until_future_complete`, with which rclpy adds a callback at every turn.
+    After an exception, the thread continues if possible, so that requests are answered while the
+    arms stop. It does not use `spin_until_future_complete`, because this makes rclpy add a
+    callback at every turn.
     """
 
     def __init__(
@@ -56,11 +57,9 @@ class RosThread:
         self._thread = threading.Thread(target=self._run, name='rclpy executor', daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
         self._thread.start()
 
     def leave(self) -> bool:
-        """Send the pending replies and end the thread. Return whether it ended in time."""
         if not self._thread.is_alive():
             self._exited.set()
             return True
@@ -109,7 +108,6 @@ def take(subscription: Any) -> Any:
 
 
 def take_all(subscription: Any, maximum: int) -> list[Any]:
-    """Return at most `maximum` pending messages of a polled subscription. Keep the others."""
     messages: list[Any] = []
     while len(messages) < maximum and (message := take(subscription)) is not None:
         messages.append(message)
@@ -117,7 +115,6 @@ def take_all(subscription: Any, maximum: int) -> list[Any]:
 
 
 def level(line: Log) -> int:
-    """Return the level of a `/rosout` message as an int. Some distributions send it as bytes."""
     return line.level if isinstance(line.level, int) else int.from_bytes(line.level, 'little')
 
 
@@ -126,10 +123,10 @@ def _never(_message: Any) -> None:
 
 
 MAX_READING_NS = 100_000
-"""Maximum time for reading both clocks, ns. A longer reading was interrupted."""
+"""Maximum time for reading both clocks, ns. If it takes longer, the reading was interrupted."""
 
 MIN_JUMP_NS = 1_000_000
-"""Minimum change, ns, of the difference between both clocks that is a jump and not drift."""
+"""Minimum change of the difference between both clocks that counts as a jump, not as drift, ns."""
 
 DRIFT_FILTER_DIVISOR = 256
 """Divisor of the drift correction per reading, because each reading of the two clocks is noisy."""
@@ -140,16 +137,11 @@ MIN_SPACING_NS = 1_000
 NS_PER_S = 1_000_000_000
 
 MIN_STEP_BACK_NS = 100_000_000
-"""Minimum backward jump of ROS time, ns, after which stamps also jump back. After a smaller jump
-they advance by MIN_SPACING_NS until ROS time has caught up."""
+"""Minimum backward jump of ROS time after which stamps also jump back, ns. After a smaller jump,
+stamps advance by MIN_SPACING_NS until ROS time has caught up."""
 
 
 class RosTimeStamps:
-    """Converts times of a monotonic clock to increasing time stamps of ROS.
-
-    `monotonic` returns the monotonic time, s. `clock`: an rclpy clock.
-    """
-
     def __init__(self, clock: Clock, monotonic: Callable[[], float]) -> None:
         self._clock = clock
         self._monotonic = monotonic
@@ -158,7 +150,7 @@ class RosTimeStamps:
         self._message = TimeMessage()
 
     def stamp(self, time: float) -> TimeMessage:
-        """Convert a monotonic time, s, to a builtin_interfaces/Time, valid until the next call."""
+        """Convert a monotonic time, s, to a stamp, which is only valid until the next call."""
         before = self._monotonic()
         ros = self._clock.now().nanoseconds
         after = self._monotonic()
@@ -185,7 +177,7 @@ TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 _RANGES = ('', 'SUBNET', 'SYSTEM_DEFAULT', 'OFF')
 """Values of RANGE with which Fast DDS obeys TRANSPORTS. rcl treats any other value as LOCALHOST,
-for which rmw_fastrtps adds shared memory to every profile."""
+and for LOCALHOST rmw_fastrtps adds shared memory to every profile."""
 
 _LOCALHOST = """<dds xmlns="http://www.eprosima.com"><profiles>
 <transport_descriptors><transport_descriptor><transport_id>udp</transport_id><type>UDPv4</type>
@@ -195,20 +187,20 @@ _LOCALHOST = """<dds xmlns="http://www.eprosima.com"><profiles>
 <metatrafficUnicastLocatorList><locator><udpv4/></locator></metatrafficUnicastLocatorList></builtin>
 <userTransports><transport_id>udp</transport_id></userTransports>
 <useBuiltinTransports>false</useBuiltinTransports></rtps></participant></profiles></dds>"""
-"""Profile that rmw_fastrtps uses for LOCALHOST, without shared memory: no multicast, 32
-participants."""
+"""The profile that rmw_fastrtps uses for LOCALHOST (no multicast, 32 participants), but without
+shared memory."""
 
 
 @contextmanager
 def udp_by_default() -> Iterator[None]:
     """Use UDP instead of shared memory for the context and the first node created in the block.
 
-    Fast DDS' shared memory fails silently when /dev/shm is emptied, and between users. Nodes still
-    discover each other, but no message arrives, including calls of `~/stop`.
+    Shared memory of Fast DDS fails silently between users, and when /dev/shm is emptied. Nodes
+    then still discover each other, but no message arrives, not even a call of `~/stop`.
 
-    User-defined Fast DDS profiles and transports take precedence. Other middlewares are
-    unaffected. Raises OSError if the disk is full, ValueError if the name of a static peer cannot
-    be resolved.
+    Fast DDS profiles and transports that a user has defined take precedence. Other middlewares are
+    not affected. Raises OSError if the disk is full, ValueError if the name of a static peer
+    cannot be resolved.
     """
     before = dict(os.environ)
     user_defined = any(map(before.get, PROFILES)) or Path('DEFAULT_FASTRTPS_PROFILES.xml').exists()
@@ -236,7 +228,6 @@ def udp_by_default() -> Iterator[None]:
 
 
 def _peer(name: str) -> str:
-    """Return the locator of a host, as XML. Raises ValueError if its name is not resolved."""
     try:
         return f'<locator><udpv4><address>{gethostbyname(name)}</address></udpv4></locator>'
     except (OSError, UnicodeError) as error:
@@ -256,8 +247,7 @@ def context_of(logger: RcutilsLogger) -> contextvars.Context:
 class RosLogHandler(logging.Handler):
     """Sends records of `logging` to the ROS logger of the current context, or else to `logger`.
 
-    Several nodes may share a process and an event loop. The contextvars of a task or callback
-    identify its node.
+    Several nodes may share an event loop. The context of a task or callback identifies its node.
     """
 
     def __init__(self, logger: RcutilsLogger) -> None:
@@ -266,7 +256,6 @@ class RosLogHandler(logging.Handler):
         self._logger = logger
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a record. If this fails, write the reason to stderr."""
         try:
             self._write(_LOGGER.get(self._logger), self.format(record), record)
         except Exception:  # noqa: BLE001 - like every handler of `logging`
@@ -274,7 +263,6 @@ class RosLogHandler(logging.Handler):
 
     @staticmethod
     def _write(logger: RcutilsLogger, text: str, record: logging.LogRecord) -> None:
-        """Write a record. Each severity has its own call, because rclpy allows one per call."""
         if record.levelno >= logging.ERROR:
             logger.error(text)
         elif record.levelno >= logging.WARNING:

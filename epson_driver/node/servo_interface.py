@@ -35,15 +35,15 @@ MAX_POINTS = 500
 
 
 class SetpointError(ValueError):
-    """A message is not a valid setpoint. The text is the reason. All functions below raise it."""
+    """A message is not a valid setpoint."""
 
 
 def from_trajectory(
     message: JointTrajectory, names: Sequence[str], source: str, now: float
 ) -> Setpoint:
-    """Return the setpoint of a trajectory: a single point, or a window.
+    """Return the setpoint of a trajectory, which is a single point or a window.
 
-    `now`: ROS time, s.
+    `now`: current ROS time, s.
     """
     last = message.points[-1]
     stamp = duration_in_s(message.header.stamp)
@@ -64,7 +64,6 @@ def from_trajectory(
 
 
 def from_joint_state(message: JointState, names: Sequence[str], source: str) -> Setpoint:
-    """Return a setpoint of positions, velocities or both, as the message contains them."""
     return _setpoint(
         source,
         _values('position', message.position, message.name, names),
@@ -73,17 +72,15 @@ def from_joint_state(message: JointState, names: Sequence[str], source: str) -> 
 
 
 def from_positions(message: Float64MultiArray, names: Sequence[str], source: str) -> Setpoint:
-    """Return a setpoint of positions, in the order of `names`."""
     return _setpoint(source, _values('data', message.data, names, names), None)
 
 
 def from_velocities(message: Float64MultiArray, names: Sequence[str], source: str) -> Setpoint:
-    """Return a setpoint of velocities, in the order of `names`."""
     return _setpoint(source, None, _values('data', message.data, names, names))
 
 
 def from_jog(message: JointJog, names: Sequence[str], source: str) -> Setpoint:
-    """Return a setpoint of velocities, which are 0 for joints that the message does not name."""
+    """Return a velocity setpoint. Joints that the message does not name have the velocity 0."""
     if message.displacements:
         raise SetpointError('displacements are not supported: use velocities')
     _check_names(message.joint_names, names, complete=False)
@@ -98,10 +95,10 @@ def from_jog(message: JointJog, names: Sequence[str], source: str) -> Setpoint:
 
 
 def _window(message: JointTrajectory, names: Sequence[str], first: float) -> Window | None:
-    """Return the window from the last point before now, or None if it has fewer than two points.
+    """Return the window of a trajectory, or None if it has fewer than two points.
 
-    `first`: the start of the trajectory, s from now. Velocities are ignored unless all points have
-    them.
+    The window starts at the last point before now. `first`: time from now to the start of the
+    trajectory, s. Velocities are ignored unless all points have them.
     """
     passed = 0
     times = [first + duration_in_s(point.time_from_start) for point in message.points]
@@ -149,7 +146,6 @@ def _values(
 
 
 def _check_names(joint_names: Sequence[str], names: Sequence[str], *, complete: bool) -> None:
-    """Raise SetpointError if a joint is unknown or repeated, or (with `complete`) missing."""
     for name in joint_names:
         if name not in names:
             raise SetpointError(f'unknown joint {name!r}')
@@ -166,17 +162,11 @@ SETPOINT_QOS = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""QoS of setpoints. The depth is enough for two simultaneous publishers. Best effort also accepts
-reliable publishers."""
+"""QoS of setpoints. The depth is enough for two simultaneous publishers. With best effort, the
+node also accepts reliable publishers."""
 
 
 class ServoInterface:
-    """Passes setpoints from ROS to the driver's servo. Must be created in the driver's event loop.
-
-    `stop` is called in the executor's thread when a trajectory without points arrives. Its
-    argument is the message.
-    """
-
     def __init__(self, context: NodeContext, stop: Callable[[JointTrajectory], None]) -> None:
         self._node = context.node
         self._clock = self._node.get_clock()
@@ -198,7 +188,6 @@ class ServoInterface:
             )
 
     def publishers(self, topic: str) -> int:
-        """Return the number of publishers of a topic."""
         count: int = self._node.count_publishers(self._node.resolve_topic_name(topic))
         return count
 

@@ -4,22 +4,22 @@
 
 The other driver is called the downstream driver. It may be any driver with this action.
 
-1. A goal starts at the arm's position in the downstream driver's `controller_state`, or in
-   `joint_states` if it has no such topic. The smooth motion is planned as a whole and sent as one
-   trajectory.
-2. Feedback, result and tolerances are forwarded. The smooth motion may take longer than planned.
-   This time is subtracted from goal_time_tolerance.
-3. A goal is abandoned if it is canceled, if a newer goal arrives, or at the end of this process.
-   The newer goal starts when the arm is at rest.
-4. A goal is stopped smoothly by a second trajectory, if the downstream driver replaces
-   trajectories like joint_trajectory_controller: it continues immediately with the new trajectory,
-   at the point that belongs to its header.stamp. The second trajectory has the same start time as
-   the first, which feedback shows on the driver's clock. It equals the first trajectory up to a
-   time slightly ahead, and then brakes within the limits. The commanded position does not jump if
-   the second trajectory is accepted before that time.
-5. Otherwise, or if feedback does not show the start time, the goal is canceled, and the downstream
-   driver determines how the arm stops. Only the second trajectory has a stamp, so a goal that is
-   accepted late starts late.
+1. A goal starts at the arm's position, which is read from the downstream driver's
+   `controller_state`, or from `joint_states` if the driver has no such topic. The smooth motion is
+   planned as a whole and sent as one trajectory.
+2. Feedback, result and tolerances are forwarded. If the smooth motion takes longer than planned,
+   the difference is subtracted from goal_time_tolerance.
+3. A goal is abandoned if it is canceled, if a newer goal arrives, or when this process ends. The
+   newer goal starts when the arm is at rest.
+4. A joint_trajectory_controller replaces its trajectory immediately. If the new trajectory has a
+   header.stamp in the past, it continues at the point that is due now. With such a downstream
+   driver, a second trajectory stops a goal smoothly. It has the start time of the first
+   trajectory, which is known from feedback. Up to a time slightly ahead it equals the first
+   trajectory, and then it brakes within the limits. If it is accepted before that time, the
+   commanded position does not jump.
+5. With any other driver, or if feedback does not show the start time, the goal is canceled, and
+   the downstream driver determines how the arm stops.
+6. The first trajectory has no stamp, so a goal that is accepted late starts late.
 """
 
 import asyncio
@@ -35,40 +35,35 @@ from builtin_interfaces.msg import Duration, Time
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
 from epson_driver.driver.goal.goal import check_start, late_start, listed, untimed
-from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
+from epson_driver.driver.goal.planning_cancellation import PlanningCancellation, PlanningEndedError
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.tasks import report_error
 from epson_driver.inputs import InputError
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
 from epson_driver.motion.interpolation import Interpolation
+from epson_driver.motion.plan_share import plan_share
 from epson_driver.motion.smoothed import MAX_STEP_S
 from epson_driver.motion.smoother import Mode
 from epson_driver.node import messages
 from epson_driver.node.downstream import ArmState, Downstream, Sent
-from epson_driver.node.goal_action import (
-    CANCELED,
-    ActionType,
-    GoalAction,
-    OnEnd,
-    check_unsupported,
-    start_time,
-)
-from epson_driver.node.goal_server import RESULT_TIMEOUT_S
-from epson_driver.node.loop_bridge import LoopBridge
+from epson_driver.node.loop_bridge import CANCELED, LATCHED, GoalAction, LoopBridge, OnEnd
 from epson_driver.node.parameters import declare_rows, undeclared
 from epson_driver.node.ros_process import context_of
 from epson_driver.node.stoppable import StoppableMotion
 from epson_driver.node.trajectory_messages import (
+    check_unsupported,
     duration_in_s,
+    duration_message,
+    invalid_goal,
+    start_time,
     trajectory_from_message,
     trajectory_message,
 )
 from epson_driver.robots.limit_files import Rows, file_limits, limits_of, urdf_limits
-from epson_driver.setup.table import Row
+from epson_driver.setup.table import PLAN_SCALING, Row
 
 TABLE = (
     Row(
@@ -104,6 +99,7 @@ TABLE = (
         'require it. time_optimal: as fast as the limits allow.',
         choices=('as_planned', 'time_optimal'),
     ),
+    PLAN_SCALING,
     Row(
         'period',
         0.008,
@@ -156,7 +152,7 @@ DEFAULT_NAME = 'smooth_goals'
 NS_PER_S = 1_000_000_000
 
 REST_TIMEOUT_S = 2.0
-"""Time for which a goal waits for the arm to come to rest, s."""
+"""Maximum time for which a goal waits for the driver, its state and the arm's rest, s."""
 
 WATCH_PERIOD_S = 0.1
 
@@ -167,12 +163,12 @@ FEEDBACKS = 2
 """Number of feedback messages after which the start time is known."""
 
 FEEDBACK_TIMEOUT_S = 0.25
-"""Time for which a stop waits for FEEDBACKS messages, s. They arrive 20 times a second."""
+"""Maximum time for which a stop waits for FEEDBACKS messages, s. 20 messages arrive per second."""
 
 OFF_S, OFF = 1e-3, 1e-4
-"""OFF_S: maximum deviation of the start time in feedback from the sent motion, s. OFF: maximum
-deviation of the commanded position, rad or m, plus the distance of the joint in OFF_S at full
-speed."""
+"""Maximum deviations of feedback from the sent motion. OFF_S applies to the start time, s. OFF,
+plus the distance that the joint moves in OFF_S at full speed, applies to the commanded position,
+rad or m."""
 
 SHUT_DOWN_TIMEOUT_S = 6.0
 
@@ -182,7 +178,8 @@ class ForwardedGoal:
     """A goal from ROS that is forwarded to the downstream driver.
 
     * start: earliest start time on the loop's clock, s, or 0 to start immediately.
-    * why: the outcome if the goal is abandoned, else None.
+    * planned: the plan with its own times, as in Goal.
+    * why: the outcome if the goal has been abandoned, else None.
     """
 
     request: FollowJointTrajectory.Goal
@@ -191,12 +188,12 @@ class ForwardedGoal:
     start: float
     on_feedback: Callable[[FollowJointTrajectory.Feedback], None]
     on_end: OnEnd
-    scope: PlanningScope
+    scope: PlanningCancellation
+    planned: Trajectory | None = None
     abandoned: asyncio.Event = field(default_factory=asyncio.Event)
     why: Outcome | None = None
 
     def abandon(self, why: Outcome) -> None:
-        """Abandon the goal with an outcome. Only the first call has an effect."""
         self.why = self.why or why
         self.scope.end(why.text)
         self.abandoned.set()
@@ -253,7 +250,7 @@ class SentMotion:
     def passed(self) -> float | None:
         """Return the elapsed time of the motion, s, or None if it is unknown.
 
-        It is slightly too small, by the time that feedback needs to arrive.
+        The result is too small by the time that the feedback took to arrive.
         """
         age = asyncio.get_running_loop().time() - self.arrival
         if not self.follows or age > MAX_FEEDBACK_AGE_S:
@@ -262,10 +259,7 @@ class SentMotion:
 
 
 class SmoothGoals:
-    """Connects an rclpy node with the downstream driver. Must be created in the event loop.
-
-    Raises ValueError for invalid parameters.
-    """
+    """Connects an rclpy node with the downstream driver. Must be created in the event loop."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -277,7 +271,7 @@ class SmoothGoals:
             self._logger.warning(sentence)
         self._described: Rows = {}
         self._contradicted: dict[str, str] = {}
-        """Why the limits of a joint are unknown, by joint name: two robot descriptions differ."""
+        """Why the limits of a joint are unknown (two robot descriptions differ), by joint name."""
         self._filed = file_limits(values['limits_file']) if values['limits_file'] else {}
         self._assumed: set[str] = set()
         self._goals: list[ForwardedGoal] = []
@@ -285,33 +279,27 @@ class SmoothGoals:
         self._ending: Outcome | None = None
         self._bridge = LoopBridge(node, self._context, self._abandon_all, 'stopping all goals')
         group = self._bridge.group
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         node.create_subscription(
-            String, 'robot_description', self._on_description, latched, callback_group=group
+            String, 'robot_description', self._on_description, LATCHED, callback_group=group
         )
         self._downstream = Downstream(node, values['action'], group)
-        self._arm = ArmState(node, self._downstream.name, group)
-        action = ActionType(
+        self._arm = ArmState(node, self._downstream, group)
+        self._action = GoalAction(
+            self._bridge,
+            self,
             FollowJointTrajectory,
             '~/follow_joint_trajectory',
             self._prepare,
             messages.result,
-            RESULT_TIMEOUT_S,
         )
-        self._action = GoalAction(action, self, self._bridge)
         self._logger.info(f'smooth goals are sent to {self._downstream.name}')
 
     # --- the process ------------------------------------------------------------------------
 
     async def run(self) -> None:
-        """Wait until cancelled. All work is triggered by ROS."""
         await asyncio.Event().wait()
 
     async def shut_down(self) -> None:
-        """Abandon all goals, bring the arm to rest, and send the results.
-
-        Raises TimeoutError if sending the results takes too long.
-        """
         busy = self._action.busy
         self._abandon_all('smooth_goals ends')
         self._ending = _aborted('smooth_goals ends')
@@ -320,7 +308,6 @@ class SmoothGoals:
         await self._bridge.results_sent(lambda: self._action.busy, busy=busy)
 
     def end(self) -> None:
-        """Answer every pending request. Callable in any thread."""
         self._bridge.end()
 
     # --- from ROS: these run in the executor's thread ---------------------------------------
@@ -344,8 +331,8 @@ class SmoothGoals:
                     self._bridge.to_loop(self._abandon_all, why)
 
     async def _prepare(
-        self, ros_handle: ServerGoalHandle, scope: PlanningScope
-    ) -> Callable[[OnEnd], ForwardedGoal]:
+        self, ros_handle: ServerGoalHandle, scope: PlanningCancellation, on_end: OnEnd
+    ) -> ForwardedGoal:
         request = ros_handle.request
         check_unsupported(request)
         trajectory = trajectory_from_message(request.trajectory, request.trajectory.joint_names)
@@ -362,16 +349,20 @@ class SmoothGoals:
             if sentence not in self._assumed:
                 self._logger.warning(f'unknown limit, assuming {sentence}')
         self._assumed |= {*assumed}
+        planned = None
         if self._parameters['timing'] == 'time_optimal':
+            planned = trajectory if self._parameters['plan_scaling'] else None
             trajectory = untimed(trajectory, limits)
         positions = limits.settled(trajectory.positions)
         trajectory = Trajectory(names, trajectory.times, positions)
         if result := list(problems(trajectory, limits, too_fast=False)):
-            raise _rejected(listed(result))
+            raise invalid_goal(listed(result))
         stamp, clock = request.trajectory.header.stamp, self._node.get_clock()
         start = start_time(stamp, trajectory.duration, clock, self._loop.time)
         on_feedback = ros_handle.publish_feedback
-        return partial(ForwardedGoal, request, trajectory, limits, start, on_feedback, scope=scope)
+        return ForwardedGoal(
+            request, trajectory, limits, start, on_feedback, on_end, scope, planned
+        )
 
     def _on_feedback(
         self, sent_motion: SentMotion, feedback: FollowJointTrajectory.Feedback
@@ -391,7 +382,6 @@ class SmoothGoals:
     # --- in the loop's thread ---------------------------------------------------------------
 
     def cancel(self, goal: ForwardedGoal) -> None:
-        """Abandon a goal because it was canceled."""
         goal.abandon(replace(CANCELED, text='canceled'))
 
     def _abandon_all(self, why: str) -> None:
@@ -399,7 +389,6 @@ class SmoothGoals:
             goal.abandon(_aborted(why))
 
     def submit(self, goal: ForwardedGoal) -> None:
-        """Abandon the earlier goals, and execute this one when the arm is at rest."""
         if goal.scope.why is not None or self._ending is not None:
             goal.on_end(self._ending or CANCELED)
             return
@@ -426,21 +415,23 @@ class SmoothGoals:
 
     async def _outcome(self, goal: ForwardedGoal) -> Outcome:
         age = self._parameters['state_timeout']
-        if (problem := await self._wait_for_rest(goal)) is not None:
-            raise _rejected(f'{problem}: a goal must start with the arm at rest')
+        if (
+            problem := await self._wait_until_solved(partial(self._cannot_start, goal))
+        ) is not None:
+            raise invalid_goal(problem)
         start = goal.limits.settled(self._arm.of(goal.limits, age)[0])
         tolerance = self._parameters['start_tolerance']
         check_start(goal.trajectory, start, goal.limits, tolerance)
         try:
             motion, points = await goal.scope.in_thread(partial(self._planned, goal, start))
         except ValueError as error:
-            raise _rejected(str(error)) from error
+            raise invalid_goal(str(error)) from error
         with suppress(TimeoutError):
             await asyncio.wait_for(goal.abandoned.wait(), max(goal.start - self._loop.time(), 0.0))
         goal.scope.check()
         moved = np.abs(self._arm.of(goal.limits, age)[0] - start).max()
         if moved > tolerance:
-            raise _rejected(f'the arm moved by {moved:.3g} while the goal was planned')
+            raise invalid_goal(f'the arm moved by {moved:.3g} while the goal was planned')
         sent_motion = SentMotion(goal, motion, points)
         request = _request(goal.request, _goal_time(goal, motion.motion.duration))
         late = late_start(goal.start, self._loop.time())
@@ -456,10 +447,7 @@ class SmoothGoals:
     def _planned(
         self, goal: ForwardedGoal, start: Array, checkpoint: Callable[[], None]
     ) -> tuple[StoppableMotion, Trajectory]:
-        """Return the smooth motion from rest at `start`, shape (n,), and its points.
-
-        It may run in any thread. `checkpoint` raises if the motion is no longer needed.
-        """
+        """Return the smooth motion from rest at `start`, shape (n,), and its points."""
         planned = goal.trajectory
         times, positions = planned.times, planned.positions.copy()
         if times[0] > 0.0 or len(times) == 1:
@@ -469,7 +457,10 @@ class SmoothGoals:
         optimal = self._parameters['timing'] == 'time_optimal'
         mode = Mode.TIME_OPTIMAL if optimal else Mode.TIME_PRESERVING
         whole = Trajectory(planned.joint_names, times, positions)
-        motion = StoppableMotion(whole, goal.limits, mode, checkpoint)
+        limits = goal.limits
+        if goal.planned is not None:
+            limits = limits.scaled(*plan_share(goal.planned, start, limits))
+        motion = StoppableMotion(whole, limits, mode, checkpoint)
         return motion, motion.points(self._parameters['period'])
 
     async def _send(
@@ -483,7 +474,6 @@ class SmoothGoals:
         )
 
     async def _watched(self, sent_motion: SentMotion, sent: Sent, goal_time: float) -> Outcome:
-        """Wait for the end of the sent goal, or stop the arm, and return the outcome."""
         goal = sent_motion.goal
         abandoned = self._loop.create_task(goal.abandoned.wait())
         lost = self._loop.create_task(self._lost(sent_motion, goal_time))
@@ -493,7 +483,8 @@ class SmoothGoals:
             if sent.result.done():
                 return sent.result.result()
             why = goal.why or _aborted(lost.result())
-            return replace(why, text=f'{why.text}, {await self._stopped(sent_motion, sent)}')
+            stopped = await self._stopped(sent_motion, sent, why.text)
+            return replace(why, text=f'{why.text}, {stopped}')
         except Exception:
             await sent.cancel(self._parameters['reply_timeout'])
             raise
@@ -502,7 +493,6 @@ class SmoothGoals:
                 task.cancel()
 
     async def _lost(self, sent_motion: SentMotion, goal_time: float) -> str:
-        """Wait until the downstream driver no longer responds. Return the reason as a clause."""
         values = self._parameters
         timeout = sent_motion.points.duration + goal_time + values['reply_timeout']
         latest = self._loop.time() + timeout
@@ -516,8 +506,7 @@ class SmoothGoals:
             await asyncio.sleep(WATCH_PERIOD_S)
         return f'{self._downstream.name} has no server any more'
 
-    async def _stopped(self, sent_motion: SentMotion, sent: Sent) -> str:
-        """Stop the arm and return a clause about the stop and whether the arm is at rest."""
+    async def _stopped(self, sent_motion: SentMotion, sent: Sent, why: str) -> str:
         how = await self._braked(sent_motion, sent)
         if how is None:
             how = f'{self._downstream.name} stopped it'
@@ -526,10 +515,16 @@ class SmoothGoals:
             elif not await sent.cancel(self._parameters['reply_timeout']):
                 how = f'{self._downstream.name} DID NOT ANSWER THE CANCEL'
             self._logger.warning(f'the stop of a goal was not smooth: {how}')
-        return f'{how}, {await self._wait_for_rest(sent_motion.goal) or "the arm is at rest"}'
+        problem = await self._wait_until_solved(partial(self._not_at_rest, sent_motion.goal))
+        if problem == why:  # no state of the arm, before and after
+            problem = 'whether the arm is at rest is unknown'
+        return f'{how}, {problem or "the arm is at rest"}'
 
     async def _braked(self, sent_motion: SentMotion, sent: Sent) -> str | None:
-        """Stop the arm with a second trajectory. Return a clause about it, or None on failure."""
+        """Stop the arm with a second trajectory.
+
+        Return a text that describes this stop, or None if the stop fails.
+        """
         if not self._brakes:
             return None
         with suppress(TimeoutError):  # the motion may have just started
@@ -568,24 +563,29 @@ class SmoothGoals:
         ended = braking.result.result()
         return 'it braked' if ended.end is End.SUCCEEDED else f'while it braked, {ended.text}'
 
-    async def _wait_for_rest(self, goal: ForwardedGoal) -> str | None:
-        """Wait until the arm is at rest. Return None, or after REST_TIMEOUT_S why it is not."""
-        values, latest = self._parameters, self._loop.time() + REST_TIMEOUT_S
-        names = goal.limits.names
+    def _cannot_start(self, goal: ForwardedGoal) -> str | None:
+        """Why a goal cannot start now, or None. A driver may be discovered after its goal."""
+        if not self._downstream.available:
+            return self._downstream.no_server
+        problem = self._not_at_rest(goal)
+        return problem and f'{problem}: a goal must start with the arm at rest'
+
+    def _not_at_rest(self, goal: ForwardedGoal) -> str | None:
+        values, names = self._parameters, goal.limits.names
+        try:
+            _, velocities = self._arm.of(goal.limits, values['state_timeout'])
+        except GoalRejectedError as error:
+            return str(error)
+        fast = np.flatnonzero(~(np.abs(velocities) <= values['stopped_velocity_tolerance']))
+        return f'{names[fast[0]]} moves at {velocities[fast[0]]:.3g} /s' if len(fast) else None
+
+    async def _wait_until_solved(self, problem: Callable[[], str | None]) -> str | None:
+        """Return None as soon as there is no `problem`, or the problem after REST_TIMEOUT_S."""
+        latest = self._loop.time() + REST_TIMEOUT_S
         while True:
-            try:
-                _, velocities = self._arm.of(goal.limits, values['state_timeout'])
-            except GoalRejectedError as error:
-                problem = str(error)
-            else:
-                fast = np.flatnonzero(
-                    ~(np.abs(velocities) <= values['stopped_velocity_tolerance'])
-                )
-                if not len(fast):
-                    return None
-                problem = f'{names[fast[0]]} moves at {velocities[fast[0]]:.3g} /s'
-            if self._loop.time() > latest:
-                return problem
+            text = problem()
+            if text is None or self._loop.time() > latest:
+                return text
             await asyncio.sleep(WATCH_PERIOD_S / 5)
 
 
@@ -597,12 +597,11 @@ def _aborted(text: str) -> Outcome:
     return Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, text)
 
 
-def _rejected(text: str) -> GoalRejectedError:
-    return GoalRejectedError(ErrorCode.INVALID_GOAL, text)
-
-
 def _goal_time(goal: ForwardedGoal, duration: float) -> float:
-    """Return goal_time_tolerance minus the time by which `duration` exceeds the planned one, s."""
+    """Return goal_time_tolerance minus the time by which a motion takes longer than planned, s.
+
+    duration: duration of the motion, s.
+    """
     tolerance = duration_in_s(goal.request.goal_time_tolerance)
     late = max(duration - goal.trajectory.duration, 0.0)
     if 0.0 < tolerance <= late:
@@ -615,13 +614,11 @@ def _goal_time(goal: ForwardedGoal, duration: float) -> float:
 
 
 def _request(goal: FollowJointTrajectory.Goal, goal_time: float) -> FollowJointTrajectory.Goal:
-    """Return a goal without trajectory, with `goal_time`, s, and other tolerances of `goal`."""
     copied = {
         name: getattr(goal, name)
         for name in goal.get_fields_and_field_types()
         if name.endswith('tolerance')
     }
-    sec, nanosec = divmod(round(goal_time * NS_PER_S), NS_PER_S)
     return FollowJointTrajectory.Goal(
-        **copied | {'goal_time_tolerance': Duration(sec=sec, nanosec=nanosec)}
+        **copied | {'goal_time_tolerance': duration_message(goal_time)}
     )

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A smooth motion that is completely planned in advance, and its stop at any time."""
+"""A smooth motion that is planned completely in advance, and a stop of it at any time."""
 
 from bisect import bisect_left
 from collections.abc import Callable
@@ -19,16 +19,16 @@ MIN_APART_S = 1e-4
 """Minimum time between two points, s. A breakpoint closer to the previous one is ignored."""
 
 BISECTIONS = 50
-"""Bisection steps for the time at which a path passes a knot. They reach rounding accuracy."""
+"""Number of bisection steps for the time at which a path passes a knot: full precision."""
 
 
 class Executed:
     """Observer that records the motions that a smoother executes, from rest at a position.
 
-    It converts them to points between which quintics reproduce the motion. A quintic across a
-    jump of the jerk would need up to 1.8 times this jerk. Therefore a point is placed at each time
-    at which the jerk may jump: the breakpoints of a plan's timing and of a joint's motion, and the
-    passages of a path's knots.
+    It converts the motions to points between which quintics reproduce the motion. Across a jump of
+    the jerk, a quintic would have up to 1.8 times this jerk. Therefore a point is placed wherever
+    the jerk may jump: at the breakpoints of a plan's timing and of a joint motion, and where the
+    path passes a knot.
     """
 
     def __init__(self, position: Array) -> None:
@@ -37,7 +37,7 @@ class Executed:
         self._rests = [position]
 
     def __call__(self, now: float, executed: ActivePlan | JointMotion | None) -> None:
-        """Record the motion that starts at time `now`, s. None: the arm is at rest from then."""
+        """Record the motion that starts at time `now`, s. None: a rest starts."""
         before, rest = self._pieces[-1], self._rests[-1]
         if executed is None and before is not None:
             rest = _rest_after(before)
@@ -100,7 +100,6 @@ def _rest_after(executed: ActivePlan | JointMotion) -> Array:
 
 
 def _breakpoints(executed: ActivePlan | JointMotion | None, start: float) -> Array:
-    """Return the times at which the jerk of a motion may jump, s."""
     if isinstance(executed, JointMotion):
         return start + np.asarray(executed.times.ravel())
     if executed is None:
@@ -127,9 +126,9 @@ MAX_DURATION_S = 600.0
 class StoppableMotion:
     """The smooth motion through a trajectory, and its stop.
 
-    The attribute `motion` has a point every MAX_STEP_S. The path is the smoother's spline. The
-    stop is on the path if that is possible within the limits. To prepare for the stop, a second
-    smoother repeats the plans of the first one up to the time passed to `follow`.
+    The attribute `motion` has a point every MAX_STEP_S. Its path is the smoother's spline. The
+    stop is on this path if that is possible within the limits. To prepare for a stop, a second
+    smoother repeats the plans of the first smoother, up to the time that was passed to `follow`.
 
     `checkpoint` is called at each sample, and may raise to cancel. Raises ValueError if the motion
     takes longer than MAX_DURATION_S, or the exceptions of `smoothed`.
@@ -185,12 +184,11 @@ class StoppableMotion:
         self._steps = 0
 
     def points(self, longest: float) -> Trajectory:
-        """Return the motion as points from 0 s, at most `longest` s apart (see Executed)."""
         end = float(self.motion.times[-1] - self.motion.times[0])
         return self._executed.points(self.motion.joint_names, end, longest, checkpoint=self._check)
 
     def follow(self, time: float) -> None:
-        """Prepare for a stop that starts `time` s after the start of the motion, or later."""
+        """Prepare for a stop at the time `time` of the motion, s, or later."""
         steps = min(int(time / MAX_STEP_S + TOLERANCE), len(self.motion.times) - 1)
         while self._steps < steps:
             self._smoother.step(MAX_STEP_S)
@@ -199,16 +197,17 @@ class StoppableMotion:
     def stopped(self, time: float, longest: float, start: float = 0.0) -> Trajectory:
         """Return the motion with a stop that starts at `time`, s, or up to MAX_STEP_S earlier.
 
-        The points are from `start` s on, at most `longest` s apart. May be called once, with a
-        time that is not before the last `follow`. Raises ValueError if the stop cannot be
-        determined.
+        The points start at the time `start`, s, and are at most `longest` s apart. This may be
+        called once, with a time that is not before that of the last `follow`. Raises ValueError if
+        the stop cannot be determined.
         """
         self.follow(time)
         smoother, motion, steps = self._smoother, self.motion, self._steps
         apart = float(np.abs(smoother.motion.position - motion.positions[steps]).max())
         if apart > TOLERANCE or time < motion.times[steps] - motion.times[0] - TOLERANCE:
             raise ValueError(
-                f'no stop at {time:g} s: the repeated motion differs by {apart:g} rad or m'
+                f'cannot compute a stop at {time:g} s: the motion could not be reproduced '
+                f'(difference: {apart:g} rad or m)'
             )
         smoother.stop()
         while smoother.moving:

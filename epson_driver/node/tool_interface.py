@@ -12,14 +12,13 @@ from typing import Any
 
 import numpy as np
 from epson_msgs.srv import SetTool
-from geometry_msgs.msg import Pose, TransformStamped
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from geometry_msgs.msg import TransformStamped
 from tf2_msgs.msg import TFMessage
 
 from epson_driver.inputs import FRAME_NAME, InputError, shown
 from epson_driver.motion import Array
-from epson_driver.node.loop_bridge import NodeContext
-from epson_driver.node.motion_primitives import MotionPrimitives, ToolBusyError
+from epson_driver.node.loop_bridge import LATCHED, NodeContext
+from epson_driver.node.motion_primitives import MotionPrimitives, ToolBusyError, pose_values
 from epson_driver.robots import RobotModel
 from epson_driver.tool_motion.tool_pose import (
     check_tool_distance,
@@ -30,36 +29,27 @@ from epson_driver.tool_motion.tool_pose import (
 BASE, FLANGE = 'base_link', 'tool0'
 """Links that every model has: the base of the arm, and the parent of the tool."""
 
-STATIC_QOS = QoSProfile(
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-"""QoS of tf2_ros' StaticTransformBroadcaster."""
-
 
 class StaticFrames:
     """Publishes the frames of the tool and of taught points on `/tf_static`.
 
-    All frames are in one message, because a late subscriber only receives the last one. Each frame
-    has an owner, 'tool' or 'points'. `prefix`: prefix of all link and frame names. The methods
-    take names without the prefix.
+    All frames are in one message, because a late subscriber only receives the last message.
+    `prefix`: prefix of all link and frame names. The methods take names without the prefix.
     """
 
     def __init__(self, context: NodeContext) -> None:
         self.prefix = link_prefix(context.values['frame_id'])
         self._clock = context.node.get_clock()
-        self._publisher = context.node.create_publisher(TFMessage, '/tf_static', STATIC_QOS)
+        self._publisher = context.node.create_publisher(TFMessage, '/tf_static', LATCHED)
         self._tool: str = context.values['tool.name']
         self._transforms: dict[str, dict[str, TransformStamped]] = {'tool': {}}
 
     def taken(self, name: str, owner: str) -> bool:
-        """Return whether another owner has a frame of that name, or reserves the name."""
         others = (names for item, names in self._transforms.items() if item != owner)
         return (name == self._tool and owner != 'tool') or any(name in names for names in others)
 
     def publish(self, owner: str, parent: str, frames: Mapping[str, Array]) -> None:
-        """Replace the frames of an owner. frames: x y z, m, and a quaternion x y z w, by name."""
+        """Replace the frames of an owner. frames: by name, x y z, m, and a quaternion x y z w."""
         stamp = self._clock.now().to_msg()
         transforms = self._transforms[owner] = {}
         for name, values in frames.items():
@@ -72,18 +62,15 @@ class StaticFrames:
 
 
 def links(model: RobotModel) -> set[str]:
-    """Return the frame names of an arm without prefix, including its parent frame."""
     numbered = (f'link_{index}' for index, _ in enumerate(model.joint_names, 1))
     return {'world', BASE, 'base_link_inertia', 'base', *numbered, 'flange', FLANGE}
 
 
 def link_prefix(frame_id: str) -> str:
-    """Return the prefix of the links' names: the part of `frame_id` before base_link, if any."""
     return frame_id.removesuffix(BASE) if frame_id.endswith(BASE) else ''
 
 
 def set_values(message: Any, values: Array, fields: tuple[str, str]) -> None:
-    """Set two fields of a message to a position x y z and a quaternion x y z w."""
     numbers = iter(values.tolist())
     for field, names in zip(fields, ('xyz', 'xyzw'), strict=True):
         for name in names:
@@ -95,7 +82,7 @@ class NamedTool:
     """A tool (TCP) and its frame.
 
     * name: name of the frame without the prefix of the arm's links.
-    * values: pose in tool0, x y z, m, and a unit quaternion x y z w.
+    * values: pose of the tool in tool0: x y z, m, and a unit quaternion x y z w.
     * pose: the same pose as a homogeneous matrix, shape (4, 4), m.
     """
 
@@ -110,10 +97,7 @@ def named_tool(
     name: str,
     fields: tuple[str, str] = ('pose', 'name'),
 ) -> NamedTool:
-    """Return a checked tool. `values`: as in NamedTool.
-
-    `fields`: what error texts call the pose and the name. Raises ValueError if either is invalid.
-    """
+    """Return a checked tool. `fields`: names of the fields of pose and name, for error texts."""
     pose_field, name_field = fields
     FRAME_NAME.checked(name, name_field)
     if name in links(model):
@@ -132,8 +116,6 @@ def named_tool(
 
 
 class ToolInterface:
-    """Serves `~/set_tool`. Raises InputError if a parameter `tool.…` is invalid."""
-
     def __init__(
         self, context: NodeContext, primitives: MotionPrimitives, frames: StaticFrames
     ) -> None:
@@ -192,9 +174,3 @@ class ToolInterface:
             note = 'sent with each motion' if sent else 'only noted, not sent to the controller'
             text += f', payload {payload:g} kg: {note}'
         return text
-
-
-def pose_values(pose: Pose) -> list[float]:
-    """Return x y z and the quaternion x y z w of a message."""
-    place = [getattr(pose.position, name) for name in 'xyz']
-    return place + [getattr(pose.orientation, name) for name in 'xyzw']

@@ -1,27 +1,107 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion between ROS messages and trajectories, tolerances and durations."""
+"""Conversion between ROS messages and goals, trajectories, tolerances and durations."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from operator import attrgetter
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
+from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTolerance
+from rclpy.clock import Clock
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from epson_driver.driver.goal.goal import Tolerances
+from epson_driver.driver.goal.goal import Goal, Tolerances, untimed
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.motion import Array, Trajectory
+from epson_driver.setup.setup import Setup
+
+MAX_START_OFFSET_S = 1.0
+"""Maximum time from now to the start time of a goal, s, in the past and in the future. A goal
+outside this range is rejected, because the arm would move unexpectedly."""
+
+UNSUPPORTED = ('multi_dof_trajectory', 'component_path_tolerance', 'component_goal_tolerance')
+"""Fields of a goal for joints with several degrees of freedom, which must be empty."""
+
+EMPTY = FollowJointTrajectory.Goal()
+
+
+class GoalRequests:
+    """Converts FollowJointTrajectory requests to goals, using the current parameters."""
+
+    def __init__(self, setup: Setup, clock: Clock, loop_time: Callable[[], float]) -> None:
+        self._limits = setup.model.limits
+        self._setup = setup
+        self._clock = clock
+        self._loop_time = loop_time
+
+    def checked_goal(self, request: FollowJointTrajectory.Goal) -> Goal:
+        """Return the goal of a request. The queue checks the joint limits later."""
+        check_unsupported(request)
+        trajectory = trajectory_from_message(request.trajectory, self._limits.names)
+        planned = None
+        if self._setup.values['timing'] == 'time_optimal':
+            planned = trajectory if self._setup.values['plan_scaling'] else None
+            trajectory = untimed(trajectory, self._limits)
+        stamp = request.trajectory.header.stamp
+        start = start_time(stamp, trajectory.duration, self._clock, self._loop_time)
+        defaults = self._setup.goal(trajectory)
+        path = self._tolerances(request.path_tolerance, 'path_tolerance', 'trajectory')
+        goal = self._tolerances(request.goal_tolerance, 'goal_tolerance', 'goal')
+        goal_time = duration_in_s(request.goal_time_tolerance)
+        return replace(
+            defaults,
+            goal_tolerance=goal.position,
+            goal_time=max(goal_time, 0.0) if goal_time != 0.0 else defaults.goal_time,
+            goal_velocity=goal.velocity,
+            path_tolerance=path if path.checked else None,
+            start=start,
+            planned=planned,
+        )
+
+    def _tolerances(self, messages: Sequence[JointTolerance], field: str, kind: str) -> Tolerances:
+        defaults = self._setup.tolerances(kind).position
+        return tolerances_from_messages(messages, field, self._limits.names, defaults)
+
+
+def check_unsupported(request: FollowJointTrajectory.Goal) -> None:
+    for field in UNSUPPORTED:
+        if getattr(request, field) != getattr(EMPTY, field):
+            raise invalid_goal(
+                f'{field} must be empty: joints with several degrees of freedom are not supported',
+            )
+
+
+def start_time(
+    stamp: Time, duration: float, clock: Clock, loop_time: Callable[[], float]
+) -> float:
+    """Return the start time of a trajectory on the loop's clock, s, or 0 to start immediately.
+
+    `duration`: duration of the trajectory, s. Raises GoalRejectedError if `stamp` is more than
+    MAX_START_OFFSET_S from now, or if the trajectory would already have ended.
+    """
+    if stamp == Time():
+        return 0.0
+    ahead: float = (stamp.sec * 10**9 + stamp.nanosec - clock.now().nanoseconds) * 1e-9
+    oldest = min(duration, MAX_START_OFFSET_S)
+    if -ahead > oldest:
+        raise GoalRejectedError(
+            ErrorCode.OLD_HEADER_TIMESTAMP,
+            f'header.stamp is {-ahead:.3g} s ago: must be at most {oldest:.3g} s, by the clock of '
+            'the driver (0 starts immediately)',
+        )
+    if ahead > MAX_START_OFFSET_S:
+        raise invalid_goal(
+            f'header.stamp is {ahead:.3g} s in the future: must be at most '
+            f'{MAX_START_OFFSET_S:g} s, by the clock of the driver',
+        )
+    return loop_time() + ahead
 
 
 def trajectory_from_message(message: JointTrajectory, joint_names: Sequence[str]) -> Trajectory:
-    """Return a message as a Trajectory in the order of `joint_names`.
-
-    Raises GoalRejectedError with INVALID_JOINTS if the message has other joints. Raises it with
-    INVALID_GOAL if there are no points, or if a point lacks positions, has efforts, or has an
-    array of the wrong length.
-    """
+    """Return a message as a Trajectory in the order of `joint_names`."""
     names = tuple(message.joint_names)
     if len(set(names)) != len(names):
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -40,11 +120,10 @@ def trajectory_from_message(message: JointTrajectory, joint_names: Sequence[str]
             ),
         )
     if not message.points:
-        raise GoalRejectedError(ErrorCode.INVALID_GOAL, 'the trajectory has no points')
+        raise invalid_goal('the trajectory has no points')
     for index, point in enumerate(message.points):
         if any(point.effort):
-            raise GoalRejectedError(
-                ErrorCode.INVALID_GOAL,
+            raise invalid_goal(
                 f'point {index}: effort must be empty or 0, because controllers accept none',
             )
     trajectory = Trajectory(
@@ -60,7 +139,6 @@ def trajectory_from_message(message: JointTrajectory, joint_names: Sequence[str]
 def _optional_table(
     points: Sequence[JointTrajectoryPoint], quantity: str, names: Sequence[str]
 ) -> Array | None:
-    """Return a quantity of all points, shape (points, n), or None if no point has it."""
     if not any(map(attrgetter(quantity), points)):
         return None
     return _table(points, quantity, names)
@@ -73,9 +151,7 @@ def _table(points: Sequence[JointTrajectoryPoint], quantity: str, names: Sequenc
         index, count = next(
             (index, len(row)) for index, row in enumerate(rows) if len(row) != len(names)
         )
-        raise GoalRejectedError(
-            ErrorCode.INVALID_GOAL, f'point {index}: {count} {quantity} for {len(names)} joints'
-        )
+        raise invalid_goal(f'point {index}: {count} {quantity} for {len(names)} joints')
     # each row is an array('d'), so the concatenated bytes are the table
     return np.frombuffer(b''.join(rows)).reshape(len(rows), len(names))
 
@@ -91,12 +167,11 @@ def _times(points: Sequence[JointTrajectoryPoint]) -> Array:
 def tolerances_from_messages(
     messages: Iterable[JointTolerance], field: str, joint_names: Sequence[str], defaults: Array
 ) -> Tolerances:
-    """Return the tolerances in a field of a goal, which is a JointTolerance[].
+    """Return the tolerances in a field of a goal, which contains a JointTolerance[].
 
-    0 selects the default, and a negative number disables the check, as in
-    joint_trajectory_controller. `defaults`: for positions, shape (n,), rad (m), where 0 disables
-    the check. Velocities have no default. Raises GoalRejectedError if a joint is unknown or
-    repeated, a number is not finite, or an acceleration has a tolerance.
+    As in joint_trajectory_controller, 0 selects the default, and a negative number disables the
+    check. `defaults`: default tolerances of the positions, shape (n,), rad (m). A default of 0
+    disables the check.
     """
     values = {
         'position': np.where(defaults > 0.0, defaults, np.inf),
@@ -114,8 +189,7 @@ def tolerances_from_messages(
         for quantity in ('position', 'velocity', 'acceleration'):
             value = getattr(message, quantity)
             if not np.isfinite(value):
-                raise GoalRejectedError(
-                    ErrorCode.INVALID_GOAL,
+                raise invalid_goal(
                     f'{field}, {message.name}: {quantity} = {value} is not finite',
                 )
             if quantity in values:
@@ -123,28 +197,33 @@ def tolerances_from_messages(
                     index = joint_names.index(message.name)
                     values[quantity][index] = value if value > 0.0 else np.inf
             elif value > 0.0:
-                raise GoalRejectedError(
-                    ErrorCode.INVALID_GOAL,
+                raise invalid_goal(
                     f'{field}, {message.name}: {quantity} = {value:g} must be 0: the '
                     f'controller reports no accelerations',
                 )
     return Tolerances(values['position'], values['velocity'])
 
 
+def invalid_goal(text: str) -> GoalRejectedError:
+    return GoalRejectedError(ErrorCode.INVALID_GOAL, text)
+
+
 def duration_in_s(message: Duration | Time) -> float:
-    """Return a builtin_interfaces Duration or Time in s."""
     seconds: float = message.sec + message.nanosec * 1e-9
     return seconds
 
 
+def duration_message(seconds: float) -> Duration:
+    sec, nanosec = divmod(round(seconds * 1e9), 10**9)
+    return Duration(sec=sec, nanosec=nanosec)
+
+
 def trajectory_message(trajectory: Trajectory) -> JointTrajectory:
-    """Return a trajectory as a ROS message."""
     message = JointTrajectory(joint_names=list(trajectory.joint_names))
     for index, time_from_start in enumerate(trajectory.times):
-        sec, nanosec = divmod(round(float(time_from_start) * 1e9), 10**9)
         point = JointTrajectoryPoint(
             positions=trajectory.positions[index].tolist(),
-            time_from_start=Duration(sec=sec, nanosec=nanosec),
+            time_from_start=duration_message(float(time_from_start)),
         )
         if trajectory.velocities is not None:
             point.velocities = trajectory.velocities[index].tolist()

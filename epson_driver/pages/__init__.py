@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Shared parts of the pages of report and panel: the drawing of an arm, three.js and uPlot."""
+"""Shared parts of the report and the panel: the drawing of an arm, three.js and uPlot."""
 
 import base64
 from importlib.resources import files
@@ -15,7 +15,6 @@ from epson_driver.robots.urdf import link_surfaces
 
 
 def packed_arm(model: RobotModel) -> dict[str, Any]:
-    """Return the kinematics and the meshes of a model as JSON data, for arm.js."""
     meshes = [
         {'link': number, 'colour': list(colour)} | packed(*_indexed(corners))
         for number, link in enumerate(link_surfaces(model))
@@ -37,8 +36,9 @@ def _indexed(corners: npt.NDArray[np.float32]) -> tuple[Array, Any]:
 
 
 def packed(vertices: Array, triangles: Any) -> dict[str, Any]:
-    """Return a mesh as base64: vertices as 16-bit fractions of its bounding box, 16-bit indices.
+    """Return a mesh as base64.
 
+    The vertices are 16-bit fractions of the mesh's bounding box, and the indices have 16 bits.
     Raises ValueError if the mesh has more than 65535 vertices.
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -55,10 +55,8 @@ def packed(vertices: Array, triangles: Any) -> dict[str, Any]:
 
 
 def text(values: Any) -> str:
-    """Return the bytes of an array as base64."""
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode('ascii')
 
 
 def asset(name: str) -> str:
-    """Return the text of the file `name`: bundle.js, bundle.css or arm.js."""
     return files(__name__).joinpath('assets', name).read_text(encoding='utf-8')

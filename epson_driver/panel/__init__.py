@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The browser panel: a 3D view of the robots, their state, and buttons that operate them.
 
-The panel uses only the driver's public topics, services and action. Its page is plain HTML and
-JavaScript (`assets/`). The page draws the parts of the state that it receives over a websocket
+`robot_state.py` has the interface of a robot. `ros_panel/` implements it with the topics, services
+and action of a driver, and `api_robot.py` with the driver of a Python Robot. The page is plain
+HTML and JavaScript (`assets/`). It draws the parts of the state that it receives over a websocket
 (`window.py`). `access.py` has the access rules.
 """
 
@@ -16,5 +17,4 @@ INSTALL = (
 
 
 def missing() -> bool:
-    """Return whether the libraries of the panel are missing."""
     return find_spec('websockets') is None

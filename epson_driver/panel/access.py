@@ -10,23 +10,17 @@ must name this machine, which prevents DNS rebinding.
 
 import hmac
 import ipaddress
+import secrets
 import socket
 from collections.abc import Mapping
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
-from typing import NamedTuple
 from urllib.parse import parse_qs, urlsplit
 
-FORBIDDEN = 403
+TOKEN_BYTES = 24
+"""Number of random bytes in the token of a panel that other machines can reach."""
 
 LOOPBACK_NAMES = frozenset({'127.0.0.1', 'localhost', '[::1]'})
-
-
-class Rejection(NamedTuple):
-    """The response to a rejected request: HTTP status and text."""
-
-    status: int
-    text: str
 
 
 def is_loopback(host: str) -> bool:
@@ -37,11 +31,13 @@ def is_loopback(host: str) -> bool:
         return host == 'localhost'
 
 
-def own_names(host: str) -> frozenset[str]:
-    """Return the host names, in lower case, under which a page served at `host` may be opened.
+def new_token(host: str) -> str | None:
+    """Return a token for a server at `host`, or None if only this machine can reach it."""
+    return None if is_loopback(host) else secrets.token_urlsafe(TOKEN_BYTES)
 
-    `Access` also permits the local address of each connection.
-    """
+
+def own_names(host: str) -> frozenset[str]:
+    """Return the host names, in lower case, under which a page served at `host` may be opened."""
     if is_loopback(host):
         return LOOPBACK_NAMES
     return LOOPBACK_NAMES | {
@@ -52,7 +48,6 @@ def own_names(host: str) -> frozenset[str]:
 
 
 def bracketed(address: str) -> str:
-    """Return an address as in a URL, which has brackets around an IPv6 address."""
     return f'[{address}]' if ':' in address else address.lower()
 
 
@@ -60,21 +55,17 @@ def bracketed(address: str) -> str:
 class Access:
     """The access rules of one panel.
 
-    * names: host names under which the page may be opened (`own_names`).
-    * token: secret that each request must contain, or None if none is required.
+    Each request must contain the `token`, unless it is None.
     """
 
     port: int
     names: frozenset[str]
     token: str | None = None
 
-    def rejection(
-        self, path: str, headers: Mapping[str, str], local_address: str
-    ) -> Rejection | None:
-        """Return the rejection of a request, or None if it is accepted.
+    def rejection(self, path: str, headers: Mapping[str, str], local_address: str) -> str | None:
+        """Return why a request is rejected, or None.
 
-        `headers`: values by lower-case name. `local_address`: the panel's address in this
-        connection.
+        `headers` are the values by lower-case name.
         """
         names = self.names | {bracketed(local_address)}
         own = {f'{name}:{self.port}' for name in names}
@@ -82,23 +73,25 @@ class Access:
             own |= names
         host = headers.get('host', '').lower()
         if host not in own:
-            return Rejection(FORBIDDEN, f'this panel is not {shown(host)}')
+            return f'this panel is not {shown(host)}'
         origin = headers.get('origin')
         if origin is None and is_upgrade(headers):
-            return Rejection(FORBIDDEN, 'a websocket without an Origin is rejected')
+            return 'a websocket without an Origin is rejected'
         if origin is not None and origin.lower() not in {f'http://{item}' for item in own}:
-            return Rejection(FORBIDDEN, f'{shown(origin)} is not the page of this panel')
+            return f'{shown(origin)} is not the page of this panel'
         if self.token is not None and not self._has_token(path, headers):
-            return Rejection(FORBIDDEN, 'a token is needed: open the address printed by the panel')
+            return 'a token is needed: open the address printed by the panel'
         return None
 
     @property
     def cookie(self) -> str:
-        """The name of the token's cookie, with the port: all ports of a host share cookies."""
+        """The name of the token's cookie.
+
+        It contains the port, because all ports of a host share cookies.
+        """
         return f'epson_driver_panel_{self.port}'
 
     def new_headers(self, path: str) -> dict[str, str]:
-        """Return the security headers of a response, and the cookie if `path` has the token."""
         headers = {
             'Content-Security-Policy': CONTENT_SECURITY_POLICY,
             'X-Frame-Options': 'DENY',
@@ -143,12 +136,10 @@ CONTENT_SECURITY_POLICY = '; '.join(
 
 
 def is_upgrade(headers: Mapping[str, str]) -> bool:
-    """Return whether a request asks for a websocket."""
     return headers.get('upgrade', '').lower() == 'websocket'
 
 
 def shown(text: str) -> str:
-    """Return a client's text as a printable literal of at most 100 characters."""
     return repr(text[:100])
 
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Arming: the permission for one browser at a time to move a robot.
 
-Arming ends when the user disarms, or when the displayed data is stale. It also ends when the
-page is closed, disconnected or unresponsive, because its user could not press STOP. The motion
-that the browser has started ends then, too.
+Arming ends when the user disarms, or when the displayed data is stale. It also ends when the page
+is closed, disconnected or unresponsive, because its user could then not press STOP. When arming
+ends, the motion that the browser has started ends, too.
 """
 
 import contextlib
@@ -15,9 +15,10 @@ from collections.abc import Callable, Iterator
 from epson_driver.panel.robot_state import RequestError
 
 ALIVE_WITHIN_S = 1.5
-"""Time after the last sign of life for which a page counts as responsive, s. A visible page sends
-one every 0.3 s (panel.js). Answers to websocket pings prove nothing, because the browser sends
-them even for a page that hangs."""
+"""Time after its last sign of life for which a page counts as responsive, s. A visible page sends
+a sign of life every 0.3 s (panel.js). Pings are no sign of life, because a browser answers them
+even for a page that hangs.
+"""
 
 
 class NotArmedError(RequestError):
@@ -48,29 +49,25 @@ class Arming:
 
     @property
     def holder(self) -> int | None:
-        """The armed browser, or None."""
         return self._holder
 
     def connect(self, browser: int) -> None:
-        """Add a browser. Only added browsers can be armed."""
         with self._lock:
             self._connected.add(browser)
 
     def alive(self, browser: int) -> None:
-        """Record a sign of life from the page of a browser."""
         with self._lock:
             if browser in self._connected:
                 self._alive[browser] = self._clock()
 
     def disconnect(self, browser: int) -> None:
-        """Remove a browser, and disarm it. Its later requests have no effect."""
         with self._lock:
             self._connected.discard(browser)
             self._alive.pop(browser, None)
             self.disarm('the armed window of the panel was closed', browser)
 
     def arm(self, browser: int) -> None:
-        """Arm a browser. Raises NotArmedError if it cannot be armed."""
+        """Permit a browser to move the robot. Raises NotArmedError if this is not possible."""
         with self._lock:
             if browser not in self._connected:
                 raise NotArmedError('this window is disconnected')
@@ -86,9 +83,9 @@ class Arming:
             self._holder = browser
 
     def disarm(self, why: str, browser: int | None = None) -> bool:
-        """Disarm `browser`, or the armed one if it is None. Return whether a browser was disarmed.
+        """Withdraw the permission from `browser`, or from any browser if it is None.
 
-        `why`: the reason, for the log.
+        Return whether a permission was withdrawn.
         """
         with self._lock:
             if self._holder is None or browser not in (None, self._holder):

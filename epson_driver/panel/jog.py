@@ -29,50 +29,38 @@ DIRECTIONS = {
     'V': (1, np.array([0.0, 1.0, 0.0])),
     'W': (1, np.array([1.0, 0.0, 0.0])),
 }
-"""For each axis: 1 for a rotation or 0 for a translation, and the direction in the frame."""
+"""Axis → 1 for a rotation or 0 for a translation, and the direction of the axis in the frame."""
 
-JOINT_FRACTION = 0.25
-"""Full jog speed of a joint, as a fraction of its velocity limit: the default of `servo.scale`."""
-
-TOOL_M_S, TOOL_RAD_S = 0.25, 0.8
-"""Full jog speeds of the tool, m/s (the reduced speed of ISO 10218-1) and rad/s."""
-
+JOINT_FRACTION = 0.25  # full speed / velocity limit of a joint: the default of `servo.scale`
+TOOL_M_S, TOOL_RAD_S = 0.25, 0.8  # full jog speeds of the tool (0.25 m/s: ISO 10218-1)
 MAX_TWIST_ERROR = 0.02
-"""Maximum deviation of the tool's velocity from the requested one, as a fraction of it. A jog is
-refused if the deviation is larger, as it is near a singularity."""
+"""Maximum relative error of the tool's velocity. If it is larger, the jog is refused."""
 
-END = 0.005
-"""A joint that is closer than this to an end of its range is not jogged towards it, rad or m."""
-
-STEP_FRACTION = 0.2
-"""Fraction of the joints' velocity and acceleration limits used by a step at full speed."""
-
+END = 0.005  # distance from an end of its range at which a joint's jog ends, rad or m
+STEP_FRACTION = 0.2  # used fraction of velocity and acceleration limits in a step at full speed
 MAX_STEP_M, MAX_STEP_RAD = 0.1, np.radians(30.0)
-MIN_STEP_S = 0.3
-"""Minimum duration of a step, s."""
-
-POINT_PERIOD_S = 0.05
-"""Time between the points of a step's trajectory, s."""
-
+MIN_STEP_S = 0.3  # minimum duration of a step, s
+POINT_PERIOD_S = 0.05  # time between the points of a step's trajectory, s
 PEAK_VELOCITY, PEAK_ACCELERATION = 1.875, 5.774
-"""Peak velocity and acceleration of a quintic polynomial from rest to rest, for 1 unit in 1 s."""
+"""Peak velocity and peak acceleration of a quintic polynomial from rest to rest.
+
+They are for a distance of 1 unit in 1 s.
+"""
 
 MAX_ITERATIONS = 20
-MAX_POSE_ERROR = 1e-7
-"""Maximum number of iterations, and pose tolerance, m and rad, of the inverse kinematics."""
+MAX_POSE_ERROR = 1e-7  # tolerance of the inverse kinematics, m and rad
 
 
 class Jog:
-    """Jog motion of one model. Joints have shape (n,), rad or m.
+    """Jog motion of one model. Joints have the shape (n,), rad or m.
 
-    All methods raise RequestError with the reason if the arm cannot make the motion.
+    Methods raise RequestError if the motion is impossible.
     """
 
     def __init__(self, model: RobotModel) -> None:
         self.model = model
         self.kinematics = Kinematics(model)
-        self.axes = self._axes()
-        """The axes of the tool that this arm can move."""
+        self.axes = self._axes()  # the axes of the tool that this arm can move
 
     def velocities(self, joints: Array, axis: str, frame: str, fraction: float) -> Array:
         """Return the joint velocities of a jog, shape (n,), rad/s or m/s.
@@ -89,7 +77,8 @@ class Jog:
             result = fraction * self._joint_velocities(joints, self._twist(joints, axis, frame))
             allowed = JOINT_FRACTION * limits.velocity
             result /= max(1.0, float(np.max(np.abs(result) / allowed)))  # keeps the direction
-        self._check_ends(joints, result)
+        out = (result > 0.0) & (joints > limits.position_max - END)
+        self._refuse(out | ((result < 0.0) & (joints < limits.position_min + END)))
         return result
 
     def step(
@@ -109,22 +98,19 @@ class Jog:
         if index is not None:
             goal = joints.copy()
             goal[index] += size
-            return self.along(np.linspace(joints, goal, 9), fraction)
+            return self.straight(joints, goal, fraction)
         velocity = self._twist(joints, axis, frame)
         length = float(np.linalg.norm(velocity[:3]) or np.linalg.norm(velocity[3:]))
         return self.along(self._line(joints, velocity / length * size), fraction)
 
     def straight(self, joints: Array, goal: Array, fraction: float = 1.0) -> Trajectory:
-        """Return the straight trajectory in joint space from `joints` to `goal`.
-
-        `fraction`: fraction of full speed, (0, 1].
-        """
+        """Return the straight trajectory in joint space from `joints` to `goal`."""
         return self.along(np.linspace(joints, goal, 9), fraction)
 
     def joints_at(self, point: Array, near: Array) -> Array:
-        """Return the joint positions, nearest to `near`, that bring the tool to a point.
+        """Return the joint positions nearest to `near` that bring the tool to a point.
 
-        `point`: X Y Z U V W in EPSON's world, mm and degrees, shape (6,).
+        `point`: X, Y, Z, mm, and U, V, W, degrees, in EPSON's world frame, shape (6,).
         """
         pose = np.eye(4)
         pose[:3, :3] = rotation_of_uvw(np.radians(point[3:]))
@@ -144,23 +130,14 @@ class Jog:
         """
         limits = self.model.limits
         path = limits.settled(path)  # an arm at its limit may be measured slightly beyond it
-        self._check_range(path)
+        self._refuse(np.any((path < limits.position_min) | (path > limits.position_max), axis=0))
         places = np.linspace(0.0, 1.0, len(path))
         slope = np.gradient(path, places, axis=0)
         fastest, change = np.abs(slope).max(axis=0), np.abs(path[-1] - path[0])
-        duration = max(
-            MIN_STEP_S,
-            float(np.max(PEAK_VELOCITY * fastest / (fraction * STEP_FRACTION * limits.velocity))),
-            float(
-                np.sqrt(
-                    np.max(
-                        PEAK_ACCELERATION
-                        * np.maximum(fastest, change)
-                        / (fraction * STEP_FRACTION * limits.acceleration)
-                    )
-                )
-            ),
-        )
+        used = fraction * STEP_FRACTION
+        coasting = PEAK_VELOCITY * fastest / (used * limits.velocity)
+        speeding = PEAK_ACCELERATION * np.maximum(fastest, change) / (used * limits.acceleration)
+        duration = max(MIN_STEP_S, float(np.max(coasting)), float(np.sqrt(np.max(speeding))))
         s = np.linspace(0.0, 1.0, max(3, round(duration / POINT_PERIOD_S) + 1))
         along = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
         rate = 30.0 * (s * (1.0 - s)) ** 2 / duration
@@ -202,7 +179,7 @@ class Jog:
         return np.asarray(result)
 
     def _line(self, joints: Array, displacement: Array) -> Array:
-        """Return joints along a straight tool path that starts at `joints`, shape (k, n).
+        """Return joint positions along a straight path of the tool from `joints`, shape (k, n).
 
         `displacement`: translation, m, and rotation vector, rad, in base_link, shape (6,).
         """
@@ -219,7 +196,10 @@ class Jog:
         return np.array(result)
 
     def _joints_at(self, pose: Array, near: Array) -> Array:
-        """Return the joints that bring the tool to a pose, found by iteration from `near`."""
+        """Return joint positions that bring the tool to a pose.
+
+        They are found by iteration from `near`.
+        """
         joints = near
         for _ in range(MAX_ITERATIONS):
             now = self.kinematics.forward(joints)
@@ -232,19 +212,9 @@ class Jog:
                 return joints
             jacobian = self.kinematics.jacobian(joints)
             joints = joints + np.linalg.lstsq(jacobian, error, rcond=1e-6)[0]
-        raise RequestError('the tool cannot move there on a straight line')
-
-    def _check_ends(self, joints: Array, velocities: Array) -> None:
-        limits = self.model.limits
-        out = (velocities > 0.0) & (joints > limits.position_max - END)
-        out |= (velocities < 0.0) & (joints < limits.position_min + END)
-        self._refuse(out)
-
-    def _check_range(self, path: Array) -> None:
-        limits = self.model.limits
-        self._refuse(np.any((path < limits.position_min) | (path > limits.position_max), axis=0))
+        raise RequestError('the tool cannot reach this pose on a straight line')
 
     def _refuse(self, out: npt.NDArray[np.bool_]) -> None:
         if np.any(out):
             name = self.model.joint_names[int(np.argmax(out))]
-            raise RequestError(f'{name} is at the end of its range there')
+            raise RequestError(f'{name} is at the end of its range in this direction')

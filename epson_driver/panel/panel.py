@@ -6,37 +6,26 @@ import contextlib
 import logging
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from epson_driver.motion import Trajectory
+from epson_driver.panel.access import bracketed
 from epson_driver.panel.requests import Requests, message_of, number, text
 from epson_driver.panel.robot_control import PENDANT, RobotControl
-from epson_driver.panel.robot_state import RequestError
+from epson_driver.panel.robot_state import RequestError, Robots
 from epson_driver.panel.robot_view import RobotView
-from epson_driver.panel.ros_discovery import RosDiscovery
 from epson_driver.panel.sim_pendant import PendantThread, needs_login
 from epson_driver.panel.web_server import WebServer
 from epson_driver.panel.window import BadMessageError, Window, text_of
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 
-POSE_PERIOD_S = 0.04
-"""Period of poses, s, which makes motion appear continuous."""
-
-TEXT_PERIOD_S = 0.2
-"""Period of texts such as lamps and log, and for reading diagnostics, s."""
-
-SLOW_PERIOD_S = 0.5
-"""Period for discovering drivers, s."""
-
-BEAT_PERIOD_S = 0.5
-"""Period of the heartbeat that shows a page that the panel is running, s."""
-
-IDLE_PERIOD_S = 0.1
-"""Period of the loop while no browser is connected, s."""
-
-GONE_AFTER_S = 60.0
-"""Silence of a driver after which its robot is removed from the page, s."""
+POSE_PERIOD_S = 0.04  # period of poses, s, which makes motion appear continuous
+TEXT_PERIOD_S = 0.2  # period of texts such as lamps and log, s
+SLOW_PERIOD_S = 0.5  # period for discovering robots, s
+BEAT_PERIOD_S = 0.5  # period of the heartbeat that shows a page that the panel is running, s
+IDLE_PERIOD_S = 0.1  # period of the loop while no browser is connected, s
+GOAL_TIMEOUT_S = 3.0  # maximum time for the panel's goals to end when the panel closes, s
 
 PENDANT_PART = text_of(
     {
@@ -50,7 +39,12 @@ PENDANT_PART = text_of(
         'faults': list(FAULTS),
     }
 )
-"""The buttons of the simulated pendant, and the subset that needs a login."""
+
+Failed = Callable[[str, BaseException], None]
+"""Function that ends the panel because of an exception.
+
+Its first argument names the failed part.
+"""
 
 _log = logging.getLogger(__name__)
 
@@ -58,8 +52,8 @@ _log = logging.getLogger(__name__)
 class Panel:
     """The whole panel. `run` runs in one thread. `stop` and `fail` may be called in any thread.
 
-    `names`: the drivers' nodes, or None for all drivers that are found. Raises WebServerError if
-    the page cannot be served, and the exceptions of rclpy.init.
+    `make_robots` gets the function `fail` and returns the robots. Raises WebServerError if the
+    page cannot be served, and the exceptions of `make_robots`.
     """
 
     def __init__(
@@ -67,8 +61,7 @@ class Panel:
         host: str,
         port: int,
         token: str | None,
-        ros_arguments: list[str],
-        names: list[str] | None,
+        make_robots: Callable[[Failed], Robots],
         trajectories: Mapping[str, Trajectory],
         *,
         allow_motion: bool,
@@ -80,20 +73,23 @@ class Panel:
         self._requests = Requests(trajectories)
         self._views: dict[str, RobotView] = {}
         self._windows: dict[int, Window] = {}
-        self._lock = threading.Lock()
-        """Guards windows and views, which are used in the threads of the server and of `run`."""
+        self._lock = threading.Lock()  # guards windows and views, used in two threads
         self._new: set[int] = set()
         self._beat = 0
         self.web = WebServer(host, port, token, self, self.fail)
         try:
-            self.ros = RosDiscovery(ros_arguments, names, self.fail)
+            self.robots = make_robots(self.fail)
         except BaseException:
             self.web.stop()
             raise
         self._pendants = PendantThread(time.monotonic, self.fail)
 
+    @property
+    def url(self) -> str:
+        """The address of the page."""
+        return address(self.web.host, self.web.port, self.web.access.token)
+
     def stop(self) -> None:
-        """Make `run` return."""
         self._ended.set()
 
     def fail(self, what: str, error: BaseException) -> None:
@@ -104,27 +100,24 @@ class Panel:
         self._ended.set()
 
     def run(self) -> int:
-        """Serve until `stop` or a failure and return the exit code."""
         try:
             self._loop()
         except BaseException as error:  # noqa: BLE001 - reported by `fail`, and everything ends
             self.fail('drawing failed', error)
         finally:
-            self._close()
+            self.close()
         return 0 if self._failure is None else 1
 
     # --- called by the web server, in its thread ----------------------------------------------
 
-    def came(self, window: Window) -> None:
-        """Add a window."""
+    def add(self, window: Window) -> None:
         with self._lock:
             self._windows[window.number] = window
             self._new.add(window.number)
             for view in self._views.values():
                 view.control.arming.connect(window.number)
 
-    def gone(self, window: Window) -> None:
-        """Remove a closed window, and end the motion started from it."""
+    def remove(self, window: Window) -> None:
         with self._lock:
             self._windows.pop(window.number, None)
             self._new.discard(window.number)
@@ -133,9 +126,9 @@ class Panel:
             view.control.arming.disconnect(window.number)
 
     def received(self, window: Window, message: str | bytes) -> None:
-        """Carry out a window's request. A refusal is logged and shown in the window.
+        """Execute a request of a window.
 
-        Raises BadMessageError if the panel's page never sends such a message.
+        Raises BadMessageError if the panel's page never sends it.
         """
         request = message_of(message)
         name = request['do']
@@ -146,7 +139,9 @@ class Panel:
             for view in views.values():
                 view.control.arming.alive(window.number)
         elif name == 'choose':
-            self._choose(window, text(request, 'robot'))
+            window.choose(text(request, 'robot'))
+            with self._lock:
+                self._new.add(window.number)
         elif name == 'stop':
             for view in views.values():
                 self._attempt(window, view.control, {'do': 'stop_one'})
@@ -179,11 +174,6 @@ class Panel:
         except BaseException as error:  # noqa: BLE001 - reported by `fail`, which ends the panel
             self.fail('the action of a button failed', error)
 
-    def _choose(self, window: Window, robot: str) -> None:
-        window.choose(robot)
-        with self._lock:
-            self._new.add(window.number)
-
     # --- in the thread of `run` -------------------------------------------------------------
 
     def _loop(self) -> None:
@@ -197,13 +187,10 @@ class Panel:
 
         while not self._ended.is_set():
             now = time.monotonic()
-            self.ros.sample(now)
-            if is_due('reports', TEXT_PERIOD_S):
-                self.ros.sample_reports(now)
+            self.robots.sample(now)
             if is_due('slow', SLOW_PERIOD_S):
-                self.ros.discover(now)
-                self._forget_gone(now)
-                self._add_views()
+                self.robots.discover(now)
+                self._update_views()
                 if not self.web.alive:
                     raise RuntimeError('the page is no longer served')
             for view in self._views.values():
@@ -221,9 +208,11 @@ class Panel:
     def _show(self, windows: list[Window], new: set[int], now: float, texts: bool) -> None:
         views = list(self._views.values())
         alarms = [
-            (f'{item.label}: ' * (len(views) > 1), item.control.stop_alarm) for item in views
+            f'{item.label}: ' * (len(views) > 1) + item.control.stop_alarm
+            for item in views
+            if item.control.stop_alarm
         ]
-        common = {'alarms': text_of([name + alarm for name, alarm in alarms if alarm])}
+        common = {'alarms': text_of(alarms)}
         if texts or new:
             common['robots'] = text_of([item.summary(now) for item in views])
             common['pendant'] = PENDANT_PART
@@ -244,31 +233,29 @@ class Panel:
                 parts['controls'] = view.controls(window.number)
             window.offer(name, parts)
 
-    def _add_views(self) -> None:
-        for name, robot in self.ros.robots.items():
+    def _update_views(self) -> None:
+        """Add the views of new robots, and remove those of robots that have disappeared."""
+        robots = self.robots.robots
+        for name in [name for name in self._views if name not in robots]:
+            with self._lock:
+                view = self._views.pop(name)
+            view.control.end()
+        for name, robot in robots.items():
             if name in self._views:
                 continue
             control = RobotControl(
                 robot, self._pendants.pendant, time.monotonic, allow_motion=self._allow_motion
             )
-            label = robot.namespace.strip('/') or name.strip('/')
-            view = RobotView(control, self._trajectories, label)
+            view = RobotView(control, self._trajectories, robot.label)
             with self._lock:
                 for window in self._windows:
                     control.arming.connect(window)
                 self._views[name] = view
 
-    def _forget_gone(self, now: float) -> None:
-        """Remove robots that were silent for GONE_AFTER_S, except those that --robot names."""
-        for name in self.ros.forget_silent(now, GONE_AFTER_S):
-            with self._lock:
-                view = self._views.pop(name, None)
-            if view is not None:
-                view.control.end()
-
-    def _close(self) -> None:
+    def close(self) -> None:
+        """End all parts of the panel. Called by `run`, or instead of it."""
         with contextlib.ExitStack() as stack:  # runs the other callbacks if one raises
-            stack.callback(self.ros.close)
+            stack.callback(self.robots.close)
             stack.callback(self._pendants.end)
             stack.callback(self.web.stop)
             stack.callback(self._end_goals)
@@ -276,13 +263,11 @@ class Panel:
                 stack.callback(view.control.arming.disarm, 'the panel is stopping')
 
     def _end_goals(self) -> None:
-        if not self.ros.cancel_goals():
+        goals = [goal for robot in self.robots.robots.values() for goal in robot.cancel_goals()]
+        if not all(goal.ended.wait(GOAL_TIMEOUT_S) for goal in goals):
             _log.error('the goals of the panel were canceled, but not all ended in time')
 
 
 def address(host: str, port: int, token: str | None) -> str:
-    """Return the URL of the panel."""
-    name: Any = {'0.0.0.0': '127.0.0.1', '::': '[::1]'}.get(host, host)  # noqa: S104
-    if ':' in name and not name.startswith('['):
-        name = f'[{name}]'
-    return f'http://{name}:{port}/' + ('' if token is None else f'?token={token}')
+    name = {'0.0.0.0': '127.0.0.1', '::': '::1'}.get(host, host)  # noqa: S104
+    return f'http://{bracketed(name)}:{port}/' + ('' if token is None else f'?token={token}')

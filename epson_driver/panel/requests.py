@@ -20,14 +20,16 @@ from epson_driver.panel.robot_state import RequestError
 from epson_driver.panel.robot_view import INPUT, OUTPUT
 from epson_driver.panel.window import BadMessageError
 
-MAX_TEXT = 200
-"""Maximum number of characters of a text in a message."""
+MAX_TEXT = 200  # maximum number of characters of a text in a message
 
 Message = Mapping[str, Any]
 
 
 def message_of(text: str | bytes) -> dict[str, Any]:
-    """Return a window's message. Raises BadMessageError if it is not a JSON object with `do`."""
+    """Return a window's message.
+
+    Raises BadMessageError if the message is not a JSON object with the key `do`.
+    """
     try:
         result = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -38,15 +40,13 @@ def message_of(text: str | bytes) -> dict[str, Any]:
 
 
 def text(message: Message, key: str) -> str:
-    """Return a text of a message. Raises BadMessageError if it is missing or too long."""
     value = message.get(key)
     if not isinstance(value, str) or len(value) > MAX_TEXT:
-        raise BadMessageError(f'{key} must be a short text')
+        raise BadMessageError(f'{key} must be a short string')
     return value
 
 
 def number(message: Message, key: str, low: float, high: float) -> float:
-    """Return a number of a message. Raises BadMessageError if it is outside `low` … `high`."""
     value = message.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise BadMessageError(f'{key} must be a number')
@@ -56,10 +56,7 @@ def number(message: Message, key: str, low: float, high: float) -> float:
 
 
 class Requests:
-    """The actions that a window can request for a robot. `table` has them by name.
-
-    `trajectories`: the trajectories that the page offers, by name.
-    """
+    """The actions that a window can request for a robot. `table` contains them by name."""
 
     def __init__(self, trajectories: Mapping[str, Trajectory]) -> None:
         self._trajectories = trajectories

@@ -7,6 +7,7 @@ an output requires an armed browser. Arming requires recent data, and either a s
 or a panel that was started with `--allow-motion`.
 """
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -15,21 +16,15 @@ import numpy as np
 from epson_driver.motion import Array, Trajectory
 from epson_driver.panel.arming import Arming
 from epson_driver.panel.jog import Jog
-from epson_driver.panel.robot_state import ERROR, INFO, WARN, RequestError, Robot, Simulation
+from epson_driver.panel.robot_state import ERROR, INFO, WARN, RequestError, Robot
 from epson_driver.panel.sim_pendant import NotSimulatedError, SimPendant
 from epson_driver.remote_ethernet.hand import ACTIONS, Action, UsageError, action
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.setup.table import ROWS
 
-START_TOLERANCE: float = ROWS['start_tolerance'].default
-"""Maximum distance of a joint from a trajectory's start, rad or m. The driver checks it, too."""
-
-MIN_SPEED = 0.01
-"""Minimum speed of a single motion, as a fraction of the joints' velocity limits. SPEL+ accepts no
-lower speed."""
-
-STOP_ANSWER_S = 0.5
-"""Time without an answer to STOP after which the panel raises an alarm, s."""
+START_TOLERANCE: float = ROWS['start_tolerance'].default  # rad or m
+MIN_SPEED = 0.01  # minimum speed as a fraction of the velocity limits, as in SPEL+
+STOP_ANSWER_S = 0.5  # time without an answer to STOP after which the panel raises an alarm, s
 
 PENDANT: dict[str, dict[str, Action]] = {
     label: {way: ACTIONS[f'{first} {way}'.strip()] for way in ways}
@@ -48,11 +43,9 @@ PENDANT: dict[str, dict[str, Action]] = {
 class RobotControl:
     """The actions on one robot, for all browsers. Methods are thread-safe and do not block.
 
-    They raise RequestError, with a sentence for the user, if an action is not possible now. Their
-    argument `browser` is the number of the window that requests the action.
-
-    `pendant` returns the simulated pendant of the controller at a host and a port, or None if that
-    controller must not be queried.
+    The methods raise RequestError if an action is not possible now. `browser` is the number of the
+    window that requests it. `pendant` returns the simulated pendant at a host and a port, or None
+    if the controller there must not be queried.
     """
 
     def __init__(
@@ -65,13 +58,10 @@ class RobotControl:
     ) -> None:
         self.robot = robot
         self.model: RobotModel | None = None
-        self.jog_motion: Jog | None = None
-        """Jog motion of the model, or None while the model is unknown."""
-        self.plan: Trajectory | None = None
-        """The last trajectory sent by the panel."""
+        self.jog_motion: Jog | None = None  # None while the model is unknown
+        self.plan: Trajectory | None = None  # the last trajectory sent by the panel
         self.arming = Arming(self.forbidden, self._on_disarmed, clock)
-        self._model_name = ''
-        """Value of the driver's parameter `robot_model` from which `model` was loaded."""
+        self._model_name = ''  # the driver's parameter `robot_model` that `model` belongs to
         self._pendant_of = pendant
         self._pendant: SimPendant | None = None
         self._pendant_at: tuple[str, int] | None = None
@@ -80,8 +70,7 @@ class RobotControl:
         self._jogging = False
         self._speed_wanted: float | None = None
         self._speed_requested = False
-        self.stop_alarm = ''
-        """The known reason why a STOP was not carried out, with the remedy, or ''."""
+        self.stop_alarm = ''  # why a STOP was not carried out, with the remedy, or ''
         self._stops = 0
         self._stop_requested_at: float | None = None
 
@@ -96,14 +85,16 @@ class RobotControl:
 
     @property
     def _address(self) -> tuple[str, int] | None:
-        """Host and remote port from the driver's parameters, or None."""
         parameters = self.robot.parameters
         if not parameters:
             return None
         return str(parameters['robot_ip']), int(parameters['remote_port'])
 
     def update(self) -> None:
-        """Update model, pendant, arming and STOP alarm. Called in the thread of `Panel.run`."""
+        """Update model, pendant, arming and STOP alarm.
+
+        It is called in the thread of `Panel.run`.
+        """
         parameters = self.robot.parameters
         address = self._address
         if parameters and parameters['robot_model'] != self._model_name:
@@ -113,8 +104,12 @@ class RobotControl:
                 self._pendant.end()
             self._pendant_at = address
             self._pendant = None if address is None else self._pendant_of(*address)
-        latest = None if self._pendant is None else self._pendant.latest
-        self._take_over(latest)
+        state, latest = self.robot.state, None if self._pendant is None else self._pendant.latest
+        if latest is None:
+            state.simulation = None
+            state.times.pop('simulation', None)
+        else:
+            state.simulation, state.times['simulation'] = latest
         self.arming.watch()
         requested_at = self._stop_requested_at
         if requested_at is not None and self._clock() - requested_at > STOP_ANSWER_S:
@@ -122,7 +117,6 @@ class RobotControl:
             self._raise_alarm(f'no reply from the driver within {STOP_ANSWER_S:g} s')
 
     def end(self) -> None:
-        """Disarm, and close the pendant, because the robot is gone."""
         self.arming.disarm('the robot has disappeared')
         if self._pendant is not None:
             self._pendant.end()
@@ -141,25 +135,15 @@ class RobotControl:
         for sentence in self.model.cautions:
             self.robot.log(sentence, WARN)
 
-    def _take_over(self, latest: tuple[Simulation, float] | None) -> None:
-        state = self.robot.state
-        if latest is None:
-            state.simulation = None
-            state.times.pop('simulation', None)
-        else:
-            state.simulation, state.times['simulation'] = latest
-
     def forbidden(self) -> str | None:
         """Return why arming is not allowed now, or None."""
         now, state = self._clock(), self.robot.state
-        for name, text in (
-            ('diagnostics', 'the driver does not report'),
-            ('status', 'no robot_status'),
-        ):
-            if not state.fresh(name, now):
-                return f'{text}: motion needs a visible robot'
-        if state.joints_missing(now):
-            return f'{state.no_joints or "no joint states"}: motion needs a visible robot'
+        sources = (('diagnostics', 'the driver does not report'), ('status', 'no robot_status'))
+        missing = next((text for name, text in sources if not state.fresh(name, now)), '')
+        if not missing and state.joints_missing(now):
+            missing = state.no_joints or 'no joint states'
+        if missing:
+            return f'{missing}: motion needs a visible robot'
         if state.link != 'connected':
             return 'no link to the controller'
         first = state.times.get('first joints')
@@ -181,10 +165,7 @@ class RobotControl:
     # --- always -----------------------------------------------------------------------------
 
     def stop(self) -> None:
-        """Stop the arm. `stop_alarm` is set if the driver is silent or does not answer in time.
-
-        Raises NoDriverError if the driver does not offer ~/stop.
-        """
+        """Stop the arm. Set `stop_alarm` if the driver is silent or does not answer in time."""
         self._stops += 1
         now, number = self._clock(), self._stops
         self._stop_requested_at = now
@@ -215,23 +196,23 @@ class RobotControl:
         self.robot.log(self.stop_alarm, ERROR)
 
     def disable(self) -> None:
-        """Stop and disable the arm. Raises NoDriverError if the driver has no ~/disable."""
         self.robot.trigger('disable', self.robot.log)
 
     # --- for the armed browser --------------------------------------------------------------
 
     def enable(self, browser: int) -> None:
-        """Enable the arm."""
         with self.arming.held(browser):
             self.robot.trigger('enable', self.robot.log)
 
     def reset_error(self, browser: int) -> None:
-        """Reset the controller's error without enabling the arm."""
         with self.arming.held(browser):
             self.robot.trigger('reset_error', self.robot.log)
 
     def set_speed(self, browser: int, factor: float) -> None:
-        """Set the speed scaling, 0 … 1. While a request is pending, the latest value is queued."""
+        """Set the speed scaling, 0 … 1.
+
+        While another request is pending, the latest value is queued.
+        """
         with self.arming.held(browser):
             self._speed_wanted = factor
             if not self._speed_requested:
@@ -259,15 +240,13 @@ class RobotControl:
             raise
 
     def write_output(self, browser: int, index: int, value: int) -> None:
-        """Set a digital output."""
         with self.arming.held(browser):
             self.robot.write_output(index, value, self.robot.log)
 
     def execute(self, browser: int, name: str, trajectory: Trajectory) -> None:
-        """Execute a trajectory that the window `browser`, which must be armed, has requested.
+        """Execute a trajectory.
 
-        `name`: the trajectory's name, for the log. Its joints may be named as in the driver or as
-        in the robot model.
+        Its joint names are the names of the driver or of the robot model.
         """
         with self.arming.held(browser):
             if self.robot.state.no_plans:
@@ -275,24 +254,24 @@ class RobotControl:
             self._send(name, self._renamed(trajectory))
 
     def go_to_start(self, browser: int, name: str, trajectory: Trajectory) -> None:
-        """Move slowly to the start of the trajectory `name`, straight in joint space."""
+        """Move slowly to the start of a trajectory, on a straight line in joint space."""
         with self.arming.held(browser):
             here, start = self._here(), self._renamed(trajectory).positions[0]
             self._send(f'to the start of {name}', self._jog_motion().straight(here, start))
 
     def go_to(self, browser: int, name: str, point: Array) -> None:
-        """Move slowly to the point `name`, straight in joint space.
+        """Move slowly to a point, on a straight line in joint space.
 
-        `point`: X Y Z U V W in EPSON's world, mm and degrees, shape (6,).
+        `point`: X, Y, Z, mm, and U, V, W, degrees, shape (6,).
         """
         with self.arming.held(browser):
             here, motion = self._here(), self._jog_motion()
             self._send(f'to {name}', motion.straight(here, motion.joints_at(point, here)))
 
     def jog(self, browser: int, axis: str, frame: str, fraction: float) -> None:
-        """Move a joint or the tool for the driver's `servo.timeout` (0.1 s).
+        """Move for the time of the driver's parameter `servo.timeout` (0.1 s).
 
-        Arguments as in `Jog.velocities`. A fraction of 0 brakes immediately.
+        The arguments are those of `Jog.velocities`. If `fraction` is 0, the arm brakes.
         """
         with self.arming.held(browser):
             if self.robot.state.no_streams:
@@ -302,19 +281,20 @@ class RobotControl:
             self._jogging = bool(np.any(velocities))
 
     def jog_end(self) -> None:
-        """Brake if `jog` has moved the arm."""
         if self._jogging:
             self._jogging = False
             names = self.robot.state.joint_names
             self.robot.jog(names, np.zeros(len(names)))
 
     def step(self, browser: int, axis: str, frame: str, size: float, fraction: float) -> None:
-        """Move a joint or the tool by a step. Arguments as in `Jog.step`."""
         with self.arming.held(browser):
             if self.robot.goals:
-                raise RequestError('a motion of the panel has not ended yet')
-            trajectory = self._jog_motion().step(self._here(), axis, frame, size, fraction)
-            self._send(f'step of {axis}', trajectory)
+                raise RequestError(
+                    'the previous motion that the panel requested has not ended yet'
+                )
+            motion = self._jog_motion()
+            trajectory = motion.step(self._here(), axis, frame, size, fraction)
+            self._send(f'step of {axis}', trajectory, straight=axis in motion.axes)
 
     def _jog_motion(self) -> Jog:
         if self.jog_motion is None:
@@ -346,27 +326,30 @@ class RobotControl:
 
     def _renamed(self, trajectory: Trajectory) -> Trajectory:
         names = self.robot.state.joint_names
-        if trajectory.positions.shape[1] != len(names):
-            raise RequestError(
-                f'the trajectory has {trajectory.positions.shape[1]} joints, but the robot '
-                f'{len(names)}'
-            )
+        count = trajectory.positions.shape[1]
+        if count != len(names):
+            raise RequestError(f'the trajectory has {count} joints, but the robot {len(names)}')
         for known in (names, () if self.model is None else self.model.joint_names):
             if {*known} == {*trajectory.joint_names}:
                 trajectory = trajectory.in_order(known)
                 break
         return replace(trajectory, joint_names=names)
 
-    def _send(self, name: str, trajectory: Trajectory) -> None:
-        """Send a trajectory. A controller that takes no trajectories gets only the last point."""
+    def _send(self, name: str, trajectory: Trajectory, *, straight: bool = False) -> None:
+        """Send a trajectory.
+
+        If the controller accepts no trajectories, only the last point is sent. `straight` means
+        that the tool moves on a straight line. All points are then sent, because every controller
+        accepts straight lines.
+        """
         trajectory = replace(trajectory, joint_names=self.robot.state.joint_names)
         goal = trajectory
         if self.robot.state.no_plans and self.model is not None:
             away = np.abs(goal.positions[-1] - self._here()) / self.model.limits.velocity
             longest = max(float(np.max(away)) / MIN_SPEED, 1e-3)
-            goal = Trajectory(
-                goal.joint_names, np.minimum(goal.times[-1:], longest), goal.positions[-1:]
-            )
+            times = goal.times * min(1.0, longest / goal.duration)
+            sent = slice(0 if straight else -1, None)
+            goal = Trajectory(goal.joint_names, times[sent], goal.positions[sent])
         self.robot.execute(goal, name, self.robot.log)
         self.plan = trajectory
         self.robot.log(f'goal sent: {name}', INFO)
@@ -374,27 +357,24 @@ class RobotControl:
     # --- at the simulated pendant -----------------------------------------------------------
 
     def press(self, browser: int, what: str, how: str) -> None:
-        """Press button `how` of item `what` in PENDANT. Buttons that permit motion need arming."""
+        """Press the button `how` of the item `what` in PENDANT.
+
+        Buttons that permit motion require an armed browser.
+        """
         press = PENDANT[what][how]
-        if press.moves:
-            with self.arming.held(browser):
-                self._press(press, f'pendant: {what} {how}')
-        else:
+        with self.arming.held(browser) if press.moves else contextlib.nullcontext():
             self._press(press, f'pendant: {what} {how}')
 
     def start_fault(self, text: str) -> None:
-        """Start a fault of the simulated controller. `text`: in the syntax of `pendant fault`."""
         try:
             self._press(action(f'fault {text}'), f'fault: {text}')
         except UsageError as error:
             raise RequestError(str(error)) from error
 
     def clear_faults(self) -> None:
-        """End all faults."""
         self._press(action('fault clear'), 'faults cleared')
 
     def set_input(self, index: int, value: int) -> None:
-        """Set a digital input of the simulated controller."""
         text = f'input {index}: {"on" if value else "off"}'
         self._press(action(f'io DI {index} {value}'), text)
 

@@ -1,7 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The state of a robot's driver, and the interface for requests to it."""
+"""The state of a robot's driver, and the interface for requests to it.
 
+`ros_panel/` implements the interface with ROS, `api_robot.py` with the driver in this process.
+"""
+
+import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,31 +17,34 @@ import numpy as np
 from epson_driver.driver.inhibit import Inhibit
 from epson_driver.motion import Array, Trajectory
 
-INFO, WARN, ERROR = 20, 30, 40
-"""Log levels of rcl_interfaces/Log."""
-
-MAX_EVENTS = 200
-"""Maximum number of log lines stored for a robot."""
-
+INFO, WARN, ERROR = 20, 30, 40  # log levels of rcl_interfaces/Log
+MAX_EVENTS = 200  # maximum number of log lines stored for a robot
 SAME_EVENT_S, MAX_COMPARED = 2.0, 5
-"""A log line is dropped if one of the last MAX_COMPARED has the same text and is at most
-SAME_EVENT_S s older. The driver often logs the answer to a request of the panel, too."""
+"""Maximum age, s, and number of previous log lines with which a new line is compared.
+
+If one of the last MAX_COMPARED lines has the same text and is at most SAME_EVENT_S s older, the
+new line is dropped. The driver often also logs the answer to a request of the panel.
+"""
 
 MAX_AGES_S = {'joints': 1.0, 'status': 2.5, 'diagnostics': 3.5, 'simulation': 3.0}
-"""Maximum ages of values, s. Older values count as unknown. Each value should arrive at least
-three times in this time."""
+"""Ages above which values count as unknown, s.
+
+Each value should arrive three times within this time.
+"""
+
+
+TRIGGERS = ('stop', 'enable', 'disable', 'reset_error')
+MAX_TAUGHT_POINTS = 200  # maximum number of points shown
 
 
 class RequestError(RuntimeError):
-    """A request is not carried out. The text is the reason and the remedy for the user.
+    """Raised if a request is refused. The text contains the reason and the remedy for the user.
 
     Any other exception in a request ends the panel.
     """
 
 
 class Tri(Enum):
-    """A flag that may be unknown."""
-
     UNKNOWN = -1
     NO = 0
     YES = 1
@@ -58,7 +65,10 @@ class Status:
 
 @dataclass(frozen=True)
 class Simulation:
-    """The report of a simulated controller. `condition`: such as {'estop': 'not active'}."""
+    """The report of a simulated controller.
+
+    `condition` contains items such as {'estop': 'not active'}.
+    """
 
     condition: Mapping[str, str]
     faults: tuple[str, ...] = ()
@@ -89,26 +99,21 @@ class RobotState:
     Arrays of joints have the order of `joint_names`, shape (n,), rad or m.
 
     * inhibit: the driver's reason why the arm cannot move, or None.
-    * times: when each value arrived, by its name, s on the panel's clock.
+    * times: name of a value → time of its arrival, s on the panel's clock.
     """
 
     joint_names: tuple[str, ...] = ()
     positions: Array = field(default_factory=lambda: np.zeros(0))
-    fastest: Sequence[float] = ()
-    """Velocity limits of the joints, rad/s or m/s. Empty while the model is unknown."""
-    no_joints: str = ''
-    """The reason why the driver's joint positions are not used, or '' if they are."""
-    measured: float = 0.0
-    """Time stamp of the joints by the driver's clock, s."""
+    fastest: Sequence[float] = ()  # velocity limits, rad/s or m/s, if known
+    no_joints: str = ''  # why the driver's joint positions are not used, or ''
+    measured: float = 0.0  # time stamp of the joints by the driver's clock, s
     status: Status = field(default_factory=Status)
     link: str = ''
     gate_open: bool | None = None
     inhibit: Inhibit | None = None
     goal_running: bool = False
-    no_plans: str = ''
-    """Why the controller takes no trajectories of several points, or '' if it does."""
-    no_streams: str = ''
-    """Why the controller takes no streams, so that it cannot be jogged, or '' if it does."""
+    no_plans: str = ''  # why the controller takes only single points, or ''
+    no_streams: str = ''  # why the controller cannot be jogged, or ''
     reference: Array | None = None
     tracking_error: Array | None = None
     speed: float | None = None
@@ -116,7 +121,7 @@ class RobotState:
     io_reason: str = 'nothing reported yet'
     simulation: Simulation | None = None
     taught: Mapping[str, Array] = field(default_factory=dict)
-    """The driver's taught points by name: x y z, m, in base_link, and a quaternion x y z w."""
+    """The driver's taught points: name → x, y, z, m, in base_link, and a quaternion x, y, z, w."""
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
     times: dict[str, float] = field(default_factory=dict)
 
@@ -130,12 +135,11 @@ class RobotState:
         self.events.append(event)
 
     def age(self, name: str, now: float) -> float | None:
-        """Return the age of a value in `times`, s, or None before the first one."""
+        """Return the age of a value in `times`, s, or None if no value has arrived yet."""
         time = self.times.get(name)
         return None if time is None else now - time
 
     def fresh(self, name: str, now: float) -> bool:
-        """Return whether a value is younger than its limit in MAX_AGES_S."""
         age = self.age(name, now)
         return age is not None and age <= MAX_AGES_S[name]
 
@@ -148,44 +152,61 @@ class RobotState:
         return all(age is None or age > MAX_AGES_S['joints'] for age in ages)
 
 
-Say = Callable[[str, int], object]
-"""Callback for the outcome of a request: a sentence, and its log level."""
+Say = Callable[[str, int], object]  # outcome: a sentence, and its log level
+
+
+class Goal(Protocol):
+    """A motion requested by the panel. `ended` is set when it has ended."""
+
+    ended: threading.Event
 
 
 class Robot(Protocol):
-    """A driver: its state, and requests to it, which do not block.
+    """A driver. Requests do not block, and are executed in the order in which they were made.
 
-    Requests raise RequestError if the driver does not offer the required service.
+    They raise RequestError if the driver does not offer the service. Otherwise they call `say`
+    with the outcome. `jog` and `cancel_goals` raise nothing.
     """
 
     state: RobotState
     parameters: dict[str, Any]
+    """The driver's parameters robot_model, robot_ip and remote_port, or {} if unknown."""
 
     @property
-    def name(self) -> str:
-        """Return the name of the driver's node."""
-
+    def name(self) -> str: ...
     @property
-    def goals(self) -> Sequence[object]:
-        """Return the panel's goals that have not ended."""
-
-    def log(self, text: str, level: int) -> None:
-        """Add a line to the log of this robot in the page."""
-
+    def goals(self) -> Sequence[object]: ...
+    def log(self, text: str, level: int) -> None: ...
     def trigger(self, name: str, say: Say) -> None:
-        """Call the service `stop`, `enable`, `disable` or `reset_error`."""
+        """Request one of the driver's services in TRIGGERS."""
 
-    def set_speed(self, factor: float, say: Say) -> None:
-        """Set the speed scaling, 0 … 1."""
+    def set_speed(self, factor: float, say: Say) -> None: ...
+    def write_output(self, index: int, value: int, say: Say) -> None: ...
+    def jog(self, names: Sequence[str], velocities: Array) -> None: ...
+    def execute(self, trajectory: Trajectory, text: str, say: Say) -> None: ...
+    def cancel_goals(self) -> Sequence[object]: ...
 
-    def write_output(self, index: int, value: int, say: Say) -> None:
-        """Set a digital output."""
 
-    def jog(self, names: Sequence[str], velocities: Array) -> None:
-        """Send joint velocities, rad/s or m/s."""
+class LabelledRobot(Robot, Protocol):
+    """A robot of a page, with the name `label` there."""
 
-    def execute(self, trajectory: Trajectory, text: str, say: Say) -> None:
-        """Send a trajectory as a goal. `text`: its name in the log."""
+    @property
+    def label(self) -> str: ...
+    def cancel_goals(self) -> Sequence[Goal]: ...
 
-    def cancel_goals(self) -> Sequence[object]:
-        """Cancel all goals of the panel, and return those that have not ended yet."""
+
+class Robots(Protocol):
+    """The robots of a panel. They are read in the thread of `Panel.run`.
+
+    `now`: the panel's clock, s.
+    """
+
+    @property
+    def robots(self) -> Mapping[str, LabelledRobot]: ...
+    def sample(self, now: float) -> None:
+        """Update the states of the robots."""
+
+    def discover(self, now: float) -> None:
+        """Update `robots`, and the values in their states that seldom change."""
+
+    def close(self) -> None: ...

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Prepares the state of one robot as the parts that the page draws (panel.js)."""
+"""Splits the state of one robot into the parts that the page draws (panel.js)."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -11,29 +11,28 @@ import numpy as np
 from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.interpolation import Interpolation
 from epson_driver.pages import packed_arm
-from epson_driver.panel.lamps import advice, lamps
 from epson_driver.panel.robot_control import RobotControl
 from epson_driver.panel.sim_pendant import ONE_CLIENT
+from epson_driver.panel.status_lamps import advice, lamps
 from epson_driver.panel.window import text_of
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics, uvw
 from epson_driver.tool_motion.tool_pose import pose_of_quaternion
 
-SPAN_S = 20.0
-"""Duration of the curves, s."""
-
-PERIOD_S = 0.1
-"""Minimum interval between the samples of a curve, s."""
-
+SPAN_S = 20.0  # duration of the curves, s
+PERIOD_S = 0.1  # minimum interval between the samples of a curve, s
 OVER_S = 0.15
-"""Minimum time between two positions from which a velocity is computed, s. Time stamps jitter by
-milliseconds, which would cause spikes."""
+"""Minimum time between two positions from which a velocity is computed, s. Over a shorter time,
+the jitter of time stamps, some milliseconds, would cause spikes.
+"""
 
-GAP_S = 1.0
-"""Maximum time between two positions from which a velocity is computed, s."""
+GAP_S = 1.0  # maximum time between two positions from which a velocity is computed, s
 
 Row = tuple[float, list[float], list[float] | None, list[float] | None]
-"""Time by the panel's clock, s, positions, velocities and tracking errors, in displayed units."""
+"""A sample: time by the panel's clock, s, positions, velocities and tracking errors.
+
+Joint values are in displayed units.
+"""
 
 
 class History:
@@ -83,42 +82,22 @@ class History:
         return result
 
 
-REFERENCE_LASTS_S = 0.5
-"""Maximum age of the reference in ~/controller_state (20 Hz) while a goal is executing, s."""
-
+REFERENCE_LASTS_S = 0.5  # maximum age of the reference while a goal executes, s
 SHOWN_UNITS = {'rad': '°', 'm': 'mm'}
 
-SHOWN_EVENTS = 60
-"""Maximum number of log lines in the page."""
-
-MAX_PLAN_POINTS = 200
-"""Number of points of a drawn tool path."""
-
-DIGITS = 5
-"""Decimal places of the joints in the 3D view, rad or m."""
-
+SHOWN_EVENTS = 60  # maximum number of log lines in the page
+MAX_PLAN_POINTS = 200  # number of points of a drawn tool path
+DIGITS = 5  # decimal places of the joints in the 3D view, rad or m
 AGES = (('joints', 'joints'), ('status', 'status'), ('driver', 'diagnostics'))
-"""The displayed ages: name in the page, and name in RobotState.times."""
-
-IO_NAMES = {
-    1: 'Inputs',
-    2: 'Outputs',
-    3: 'Analog inputs [mV]',
-    4: 'Analog outputs [mV]',
-}
-"""Names of the types of epson_msgs/IoPoint."""
+IO_NAMES = {1: 'Inputs', 2: 'Outputs', 3: 'Analog inputs [mV]', 4: 'Analog outputs [mV]'}
 
 OUTPUT, INPUT = 2, 1
 ANALOG = (3, 4)
-MAX_POINTS = 32
-"""Maximum number of displayed points of each range."""
+MAX_POINTS = 32  # maximum number of displayed points of each range
 
 
 class RobotView:
-    """The parts of the page for one robot, used in the thread of `Panel.run`.
-
-    `label`: the robot's name in the page.
-    """
+    """The parts of the page for one robot, used in the thread of `Panel.run`."""
 
     def __init__(
         self, control: RobotControl, trajectories: Mapping[str, Trajectory], label: str
@@ -136,7 +115,6 @@ class RobotView:
         self._executing = False
 
     def update(self, now: float) -> None:
-        """Update model, plan and curves from the driver's state. `now`: the panel's clock, s."""
         self.control.update()
         state = self._state
         self._update_model()
@@ -152,7 +130,6 @@ class RobotView:
             self._history.add(now, state.measured, state.positions, error)
 
     def summary(self, now: float) -> dict[str, Any]:
-        """Return the robot's entry in the list of robots: its name, and why it cannot move."""
         result = advice(self._state, now)
         return {
             'name': self.control.robot.name,
@@ -162,7 +139,6 @@ class RobotView:
         }
 
     def parts(self, now: float) -> dict[str, str]:
-        """Return every part except the controls, the pose and the curves as JSON, by name."""
         state = self._state
         result = advice(state, now)
         return self._model_parts | {
@@ -178,7 +154,6 @@ class RobotView:
         }
 
     def controls(self, window: int) -> str:
-        """Return the part with the controls that a window has now, as JSON."""
         holder = self.control.arming.holder
         armed = 'yes' if holder == window else 'no' if holder is None else 'other'
         joints = len(self._state.joint_names)
@@ -202,7 +177,6 @@ class RobotView:
         )
 
     def pose(self, now: float) -> dict[str, str]:
-        """Return the parts with the pose of the arm and with the newest row of the curves."""
         state, model = self._state, self._model
         if model is None or not self._known or self.control.jog_motion is None:
             return {'pose': 'null'}
@@ -221,12 +195,10 @@ class RobotView:
         return parts
 
     def history(self) -> str:
-        """Return the part with all rows of the curves, as JSON."""
         return text_of(list(self._history.rows))
 
     @property
     def _known(self) -> bool:
-        """Whether the driver reports as many joints as the model has."""
         model = self._model
         return model is not None and len(self._state.positions) == len(model.joint_names)
 
@@ -257,7 +229,7 @@ class RobotView:
         }
 
     def _set_plan(self, plan: Trajectory | None) -> None:
-        """Draw the tool path of `plan`. If it is None, draw the path of the reference so far."""
+        """Draw the tool path of `plan`. If `plan` is None, draw the reference's path up to now."""
         self._plan = plan
         self._paths += 1
         points: list[list[float]] | None = None
@@ -266,7 +238,10 @@ class RobotView:
         self._plan_part = text_of({'number': self._paths, 'points': points})
 
     def _taught(self) -> dict[str, list[float]]:
-        """Return the driver's points by name: X Y Z, mm, and U V W, degrees, in EPSON's world."""
+        """Return the driver's points by name, in EPSON's world frame.
+
+        A point is X, Y, Z, mm, and U, V, W, degrees.
+        """
         if self.control.jog_motion is None:
             return {}
         arm, result = self.control.jog_motion.kinematics, {}

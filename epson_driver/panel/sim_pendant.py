@@ -3,10 +3,10 @@
 """Client of a simulated controller's remote port.
 
 An arm may be moved without `--allow-motion` only if its controller is simulated. The proof is the
-controller's own answer to `$Sim`, and it is valid only while the answers keep arriving. A real
-controller serves one remote client, which should be the driver. So only ports of this machine that
-are announced as simulated are connected to. `$Sim` needs no login, so that the driver of a
-simulated controller can be the only client that is logged in.
+controller's own answer to `$Sim`. It is valid only as long as answers arrive. A real controller
+serves only one remote client, which should be the driver. The panel therefore connects only to
+ports of this machine that are announced as simulated. `$Sim` needs no login, so the driver can be
+the only client that is logged in.
 """
 
 import asyncio
@@ -28,17 +28,10 @@ from epson_driver.remote_ethernet.client import (
 from epson_driver.remote_ethernet.hand import Action, RefusedError, do
 from epson_driver.sim_controller.network.announcement import is_announced
 
-POLL_PERIOD_S = 0.4
-"""Interval between queries of the controller's condition, s."""
-
-ANSWER_TIMEOUT_S = 3.0
-"""Timeout of an answer, s."""
-
-SESSION_S = 3000.0
-"""Duration of a connection, s. After it, the panel connects again."""
-
-RETRY_PERIOD_S = 1.0
-"""Delay before the next attempt to connect, s."""
+POLL_PERIOD_S = 0.4  # interval between queries of the controller's condition, s
+ANSWER_TIMEOUT_S = 3.0  # timeout of an answer, s
+SESSION_S = 3000.0  # duration of a connection, s. The panel then connects again
+RETRY_PERIOD_S = 1.0  # delay before the next attempt to connect, s
 
 ONE_CLIENT = (
     'it needs a login, and the controller serves one Remote Ethernet client, which is the driver'
@@ -46,12 +39,10 @@ ONE_CLIENT = (
 
 
 def needs_login(action: Action) -> bool:
-    """Return whether an action needs a login at the controller."""
     return not action.commands[0].startswith('Sim,')
 
 
-Say = Callable[[str, bool], object]
-"""Callback for the outcome of a command: a text, and whether it was carried out."""
+Say = Callable[[str, bool], object]  # outcome of a command: a text, and whether it was carried out
 
 
 class NotSimulatedError(RequestError):
@@ -65,10 +56,8 @@ class SimPendant:
         self, loop: asyncio.AbstractEventLoop, host: str, port: int, clock: Callable[[], float]
     ) -> None:
         self.host, self.port = host, port
-        self.real = False
-        """Whether the controller has answered that it is not simulated."""
-        self.latest: tuple[Simulation, float] | None = None
-        """The latest report, and when it arrived, by the panel's clock, s."""
+        self.real = False  # whether the controller has answered that it is not simulated
+        self.latest: tuple[Simulation, float] | None = None  # report, and its arrival, s
         self._loop = loop
         self._clock = clock
         self._commands: asyncio.Queue[tuple[Action, Say]] = asyncio.Queue()
@@ -76,16 +65,12 @@ class SimPendant:
         loop.call_soon_threadsafe(self._start)
 
     def press(self, command: Action, say: Say) -> None:
-        """Send an action to the controller, and call `say` in another thread.
-
-        Raises NotSimulatedError if no simulated controller answers.
-        """
+        """Send an action to the controller. `say` is called in another thread."""
         if self.latest is None:
             raise NotSimulatedError('no reply from a simulated controller')
         self._loop.call_soon_threadsafe(self._commands.put_nowait, (command, say))
 
     def end(self) -> None:
-        """Disconnect."""
         self._loop.call_soon_threadsafe(lambda: self._task and self._task.cancel())
 
     def _start(self) -> None:
@@ -122,9 +107,7 @@ class SimPendant:
                 continue
             try:
                 await self._do(ask, command)
-            except (RefusedError, RemoteError) as error:
-                say(str(error), False)
-            except ValueError as error:  # nothing was sent
+            except (RefusedError, RemoteError, ValueError) as error:  # ValueError: not sent
                 say(str(error), False)
             except BaseException:
                 say(f'{command.commands[0]}: no reply from the controller', False)
@@ -133,7 +116,6 @@ class SimPendant:
                 say('', True)
 
     async def _do(self, ask: Ask, command: Action) -> None:
-        """Perform an action, in a connection with a login if the action needs one."""
         if not needs_login(command):
             await _in_time(do(ask, command))
             return
@@ -145,14 +127,10 @@ class SimPendant:
             raise RefusedError(ONE_CLIENT) from error
 
     async def _poll(self, ask: Ask) -> None:
-        condition = dict(
-            part.split('=', 1) for part in (await _in_time(ask('Sim,condition'))).split(';')
-        )
-        faults = await _in_time(ask('Sim,fault,list'))
-        self.latest = (
-            Simulation(condition, tuple(item for item in faults.split(';') if item)),
-            self._clock(),
-        )
+        parts = (await _in_time(ask('Sim,condition'))).split(';')
+        faults = (await _in_time(ask('Sim,fault,list'))).split(';')
+        condition = dict(part.split('=', 1) for part in parts)
+        self.latest = Simulation(condition, tuple(filter(None, faults))), self._clock()
 
     def _refuse_waiting(self) -> None:
         while not self._commands.empty():
@@ -161,7 +139,7 @@ class SimPendant:
 
 
 class PendantThread:
-    """One thread with an event loop for all pendants. `on_error` is called with failures."""
+    """One thread with an event loop for all pendants. `on_error` is called after a failure."""
 
     def __init__(
         self, clock: Callable[[], float], on_error: Callable[[str, BaseException], None]
@@ -174,13 +152,15 @@ class PendantThread:
         self._thread.start()
 
     def pendant(self, host: str, port: int) -> SimPendant | None:
-        """Return the pendant of a controller, or None if its port is 0 or on another machine."""
+        """Return the pendant of a controller.
+
+        Return None if its port is 0, or if it is on another machine.
+        """
         if not port or not is_loopback(host):
             return None
         return SimPendant(self._loop, host, port, self._clock)
 
     def end(self) -> None:
-        """End all pendants and the thread."""
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(1.0)
         if not self._thread.is_alive():
@@ -204,7 +184,6 @@ class PendantThread:
 
 
 def _report(task: 'asyncio.Task[None]') -> None:
-    """Report an exception of a pendant's task to the handler of its loop."""
     if not task.cancelled() and (error := task.exception()) is not None:
         task.get_loop().call_exception_handler({'message': 'a pendant failed', 'exception': error})
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from importlib.resources import files
 from typing import NamedTuple, Protocol, cast
 
-from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
@@ -26,31 +26,17 @@ from epson_driver.panel.window import BadMessageError, Window
 PING_PERIOD_S = 2.0
 PING_TIMEOUT_S = 10.0
 """Time without an answer to a ping after which a browser counts as disconnected, s. A slow
-connection may delay an answer by seconds. Motion ends earlier (arming.ALIVE_WITHIN_S)."""
+connection may delay an answer by seconds. Arming ends earlier (arming.ALIVE_WITHIN_S).
+"""
 
-CLOSE_TIMEOUT_S = 1.0
-"""Maximum wait for a browser's closing handshake, s."""
-
-MAX_MESSAGE_BYTES = 10_000
-"""Maximum size of a message from a browser. Those of the page are far smaller."""
-
+CLOSE_TIMEOUT_S = 1.0  # maximum wait for a browser's closing handshake, s
+MAX_MESSAGE_BYTES = 10_000  # limit for a browser's message. The page sends far smaller ones
 RECEIVE_BUFFER_BYTES = 4096
-"""Receive buffer of a connection. It limits the data of one window that the event loop processes
-before it serves the others. Linux doubles it."""
+"""Receive buffer of a connection. It limits the data read from one window at a time."""
 
-START_TIMEOUT_S = 10.0
-"""Maximum time for the start of the server's thread, s."""
-
-KINDS = {
-    'html': 'text/html',
-    'js': 'text/javascript',
-    'css': 'text/css',
-    'svg': 'image/svg+xml',
-}
-"""Content types of the page's files, by extension."""
-
-POLICY_VIOLATION = 1008
-"""Websocket close code for a message that the page never sends."""
+START_TIMEOUT_S = 10.0  # maximum time for the start of the server's thread, s
+KINDS = {'html': 'text/html', 'js': 'text/javascript', 'css': 'text/css', 'svg': 'image/svg+xml'}
+POLICY_VIOLATION = 1008  # websocket close code for a message that the page never sends
 
 
 class WebServerError(RuntimeError):
@@ -58,27 +44,20 @@ class WebServerError(RuntimeError):
 
 
 class WindowListener(Protocol):
-    """The receiver of windows and their messages, called in the server's thread."""
+    """The receiver of new windows and of their messages. It is called in the server's thread."""
 
-    def came(self, window: Window) -> None:
-        """Add an opened window."""
-
-    def gone(self, window: Window) -> None:
-        """Remove a closed window."""
-
+    def add(self, window: Window) -> None: ...
+    def remove(self, window: Window) -> None: ...
     def received(self, window: Window, text: str | bytes) -> None:
         """Process a message. Raises BadMessageError if the panel's page never sends it."""
 
 
 class Page(NamedTuple):
-    """The body of a response, and its content type."""
-
     content_type: str
     body: bytes
 
 
 def page_files() -> dict[str, Page]:
-    """Return the files of the page, by their paths."""
     own = files('epson_driver.panel').joinpath('assets').iterdir()
     bodies = {item.name: item.read_bytes() for item in own}
     bodies |= {name: asset(name).encode() for name in ('bundle.js', 'bundle.css', 'arm.js')}
@@ -91,10 +70,11 @@ def page_files() -> dict[str, Page]:
 
 
 class WebServer:
-    """Serves the page at an address of this machine. `token`: required from clients unless None.
+    """Serves the page at an address of this machine.
 
-    `on_error` is called with the failed part and the exception. Raises WebServerError if the port
-    cannot be opened, or if other machines can reach the address and the token is None.
+    Clients must send the `token`, unless it is None. `on_error` is called with the failed part and
+    the exception. Raises WebServerError if the port cannot be opened, or if other machines can
+    reach the address and the token is None.
     """
 
     def __init__(
@@ -102,16 +82,17 @@ class WebServer:
         host: str,
         port: int,
         token: str | None,
-        visitors: WindowListener,
+        listener: WindowListener,
         on_error: Callable[[str, BaseException], None],
     ) -> None:
         if token is None and not is_loopback(host):
             raise WebServerError(f'{host} can be reached from other machines: a token is needed')
+        self.host = host
         self._listening = _listening(host, port)
         self.port: int = self._listening.getsockname()[1]
         self.access = Access(self.port, own_names(host), token)
         self._pages = page_files()
-        self._visitors = visitors
+        self._listener = listener
         self._on_error = on_error
         self._loop: asyncio.AbstractEventLoop | None = None
         self._end: asyncio.Event | None = None
@@ -123,11 +104,9 @@ class WebServer:
 
     @property
     def alive(self) -> bool:
-        """Whether the server's thread is running."""
         return self._thread.is_alive()
 
     def stop(self) -> None:
-        """Close the port and all connections."""
         if self._loop is not None and self._end is not None and self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._end.set)
         self._thread.join()
@@ -143,7 +122,6 @@ class WebServer:
 
     async def _serve(self) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
-        server: Server
         async with serve(
             self._talk,
             sock=self._listening,
@@ -164,9 +142,9 @@ class WebServer:
         writing = asyncio.create_task(window.write(connection.send))
         writing.add_done_callback(self._on_written)
         try:
-            self._visitors.came(window)
+            self._listener.add(window)
             async for message in connection:
-                self._visitors.received(window, message)
+                self._listener.received(window, message)
                 await asyncio.sleep(0)  # serves other windows between two queued messages
         except BadMessageError as error:
             await connection.close(POLICY_VIOLATION, str(error)[:100])
@@ -177,7 +155,7 @@ class WebServer:
         finally:
             writing.cancel()
             try:
-                self._visitors.gone(window)
+                self._listener.remove(window)
             except BaseException as error:  # noqa: BLE001 - websockets would only print it
                 self._on_error('disarming failed', error)
 
@@ -190,22 +168,20 @@ class WebServer:
 class _Connection(ServerConnection):
     """A connection that is closed after too many frames (`Window.count`) or a fragmented message.
 
-    Pings count as frames, because the library answers each. Fragments are refused, because the
-    library would store any number of empty ones.
+    Pings count as frames, because the library answers each ping. Fragments are refused, because
+    the library would store any number of empty fragments.
     """
 
     @functools.cached_property
     def window(self) -> Window:
-        """The window at the other end."""
         return Window(self.loop)
 
     def process_event(self, event: Event) -> None:
-        """Process the opening request or a frame."""
         if isinstance(event, Frame) and self.protocol.state is OPEN:
             try:
                 self.window.count(self.loop.time())
                 if not event.fin or event.opcode is Opcode.CONT:
-                    raise BadMessageError('a message in parts')
+                    raise BadMessageError('fragmented messages are not supported')
             except BadMessageError as error:
                 self.protocol.fail(POLICY_VIOLATION, str(error))
                 self.send_data()
@@ -225,18 +201,12 @@ def _listening(host: str, port: int) -> socket.socket:
         listening.listen()
     except OSError as error:
         listening.close()
-        raise WebServerError(f'{_what(host, port)}: {error.strerror}; {_remedy(error)}') from error
+        remedy = 'end the process that uses it, or choose another port (0: any free port)'
+        if error.errno == errno.EADDRNOTAVAIL:
+            remedy = 'this machine has no such address: choose one of its addresses as host'
+        what = f'port {port} of {host} cannot be opened'
+        raise WebServerError(f'{what}: {error.strerror}; {remedy}') from error
     return listening
-
-
-def _what(host: str, port: int) -> str:
-    return f'port {port} of {host} cannot be opened'
-
-
-def _remedy(error: OSError) -> str:
-    if error.errno == errno.EADDRNOTAVAIL:
-        return 'this machine has no such address: set one of its addresses with --host'
-    return 'end the process that uses it, or set another with --port (0: any free port)'
 
 
 def _answer(
@@ -250,7 +220,7 @@ def _answer(
         headers[name.lower()] = value
     rejection = access.rejection(request.path, headers, connection.local_address[0])
     if rejection is not None:
-        return _text(rejection.status, rejection.text)
+        return _text(403, rejection)
     if is_upgrade(headers):
         return None
     page = pages.get(request.path.partition('?')[0])
@@ -264,12 +234,6 @@ def _text(status: int, text: str) -> Response:
 
 
 def _response(status: int, page: Page, more: dict[str, str]) -> Response:
-    headers = Headers(
-        {
-            'Content-Type': page.content_type,
-            'Content-Length': str(len(page.body)),
-            'Connection': 'close',
-            **more,
-        }
-    )
-    return Response(status, http.HTTPStatus(status).phrase, headers, page.body)
+    headers = {'Content-Type': page.content_type, 'Content-Length': str(len(page.body))}
+    headers |= {'Connection': 'close', **more}
+    return Response(status, http.HTTPStatus(status).phrase, Headers(headers), page.body)

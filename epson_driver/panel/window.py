@@ -15,23 +15,18 @@ from collections import deque
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-MAX_NOTES = 10
-"""Maximum number of notes queued for a window. The oldest are dropped."""
-
+MAX_NOTES = 10  # maximum number of queued notes: the oldest are dropped
 MAX_LATE_S = 0.15
-"""Maximum delay of jog and step requests, s. Requests with a longer delay are dropped, because
-they would move the arm after the button was released."""
+"""Maximum delay of jog and step requests, s. A request with a longer delay is dropped, because it
+could move the arm after the button was released.
+"""
 
 HELD_S = 0.07
 """Time after the last jog request until the arm brakes, s. The page sends a request every 25 ms
 while a button is pressed (hand.js)."""
 
-MAX_MESSAGES_PER_S = 100.0
-"""Maximum mean rate of a window's messages. The page sends 44 per second during a jog."""
-
-MAX_BURST_S = 10.0
-"""Time for which a slow connection may delay messages, s, so that they arrive together."""
-
+MAX_MESSAGES_PER_S = 100.0  # mean rate of a window's messages: 44 per second during a jog
+MAX_BURST_S = 10.0  # time for which a slow connection may delay messages, s
 _numbers = itertools.count(1)
 
 
@@ -40,20 +35,15 @@ class BadMessageError(ValueError):
 
 
 def text_of(value: object) -> str:
-    """Return a part as JSON."""
     return json.dumps(value, allow_nan=False, separators=(',', ':'))
 
 
 class Window:
-    """The page in one browser window. `loop`: the event loop of the web server.
-
-    `offer` and `say` may be called in any thread.
-    """
+    """The page in one browser window. `offer` and `say` may be called in any thread."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.number = next(_numbers)
-        self.robot = ''
-        """The name of the selected robot, or '' before the selection."""
+        self.robot = ''  # the name of the selected robot, or '' before the selection
         self._loop = loop
         self._lock = threading.Lock()
         self._waiting: dict[str, str] = {}
@@ -62,7 +52,10 @@ class Window:
         self._news = asyncio.Event()
         self._paid_until = 0.0
         self._smallest_offset: float | None = None
-        """Smallest arrival time (panel's clock) minus sending time (window's clock), s."""
+        """Smallest difference between the arrival time and the sending time of a message, s.
+
+        The arrival is on the panel's clock, and the sending is on the window's clock.
+        """
         self._silence: asyncio.TimerHandle | None = None
 
     def choose(self, robot: str) -> None:
@@ -73,9 +66,9 @@ class Window:
             self._sent.clear()
 
     def offer(self, robot: str, parts: dict[str, str]) -> None:
-        """Queue the parts of a robot that have changed, if the robot is selected here.
+        """Queue the changed parts of a robot's displayed state, if this robot is selected.
 
-        `parts`: JSON from `text_of`, by name.
+        `parts`: name of each part → JSON.
         """
         with self._lock:
             if robot != self.robot:
@@ -87,7 +80,6 @@ class Window:
             self._wake()
 
     def say(self, text: str) -> None:
-        """Queue a note for the user."""
         with self._lock:
             self._notes.append(text)
         self._wake()
@@ -99,9 +91,10 @@ class Window:
             raise BadMessageError(f'more than {MAX_MESSAGES_PER_S:g} messages per second')
 
     def late(self, sent: float, now: float) -> bool:
-        """Return whether a message took over MAX_LATE_S longer to arrive than the fastest one.
+        """Return whether a message is late.
 
-        `sent`: s, by the window's clock. `now`: s, by the panel's clock.
+        It is late if it took more than MAX_LATE_S longer than the fastest message. `sent` is on
+        the window's clock, and `now` on the panel's clock, s.
         """
         offset = now - sent
         if self._smallest_offset is None or offset < self._smallest_offset:
@@ -109,13 +102,12 @@ class Window:
         return offset - self._smallest_offset > MAX_LATE_S
 
     def after_silence(self, do: Callable[[], object]) -> None:
-        """Call `do` in the event loop HELD_S after the last call of this method."""
+        """Call `do` in the event loop when this method has not been called for HELD_S."""
         if self._silence is not None:
             self._silence.cancel()
         self._silence = self._loop.call_later(HELD_S, do)
 
     async def write(self, send: Callable[[str], Awaitable[Any]]) -> None:
-        """Send queued parts and notes until the task is canceled."""
         while True:
             await self._news.wait()
             self._news.clear()

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The executables, and the command that starts a module of this package as a process.
 
-With -P, Python imports nothing from the current folder, so a `random.py` there is not executed.
-The package is imported from the location of this file. The environment is unchanged, so modules in
-PYTHONPATH are found, as a sourced workspace needs.
+With -P, Python imports nothing from the current folder, so a `random.py` in it is not executed.
+The package is imported from the folder of this file. The environment is unchanged, so that Python
+finds modules in PYTHONPATH, which a sourced workspace needs.
 """
 
 import logging
@@ -14,19 +14,14 @@ import threading
 from pathlib import Path
 from runpy import run_module
 
-NICE = -10
-"""Nice value. Real-time priority would starve the threads that serve `~/stop` on a busy CPU."""
+NICE = -10  # real-time priority would starve the threads that serve `~/stop`
 
 _log = logging.getLogger(__name__)
 _refused = threading.Event()
 
 
 def raise_priority() -> None:
-    """Request a lower nice value for this thread.
-
-    Its child threads and processes keep the normal one. A thread with another scheduling policy is
-    unchanged. A failure is logged once.
-    """
+    """Lower the nice value of this thread only. A failure is logged once."""
     try:
         if os.sched_getscheduler(0) == os.SCHED_OTHER:
             os.sched_setscheduler(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
@@ -45,12 +40,10 @@ _FILE = Path(__file__).absolute()
 
 
 def safe_python() -> list[str]:
-    """Return the command of this Python without the current folder in sys.path."""
     return [sys.executable, '-P']
 
 
 def module_command(module: str, *arguments: str) -> list[str]:
-    """Return the command that runs a module of this package, like `python -m`."""
     return [*safe_python(), str(_FILE), module, *arguments]
 
 
@@ -63,10 +56,10 @@ def _run() -> None:
 
 
 def open_closed_streams() -> None:
-    """Open closed standard streams, before any other file is opened.
+    """Open the standard streams that are closed, before any other file is opened.
 
-    Otherwise the next socket would have number 1 or 2, and the log output of C++ libraries would
-    be sent to a robot or to ROS.
+    Otherwise the next socket would get the number 1 or 2, and the log output of C++ libraries
+    would be sent to a robot or to ROS.
     """
     for number, name in enumerate(('stdin', 'stdout', 'stderr')):
         try:

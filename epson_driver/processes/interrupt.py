@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import NoReturn
 
-INTERRUPTED = 130
-"""Exit code after SIGINT, as used by shells: 128 plus the signal number."""
+INTERRUPTED = 130  # exit code after SIGINT, as used by shells: 128 plus the signal number
 
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
@@ -18,7 +17,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
 
 
 def ending_signals() -> list[signal.Signals]:
-    """Return the signals that end an executable, without SIGHUP under nohup."""
+    """Return the signals that end an executable. Under nohup, SIGHUP is not one of them."""
     ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     return [number for number in ENDING if number is not signal.SIGHUP or not ignored]
 
@@ -26,28 +25,21 @@ def ending_signals() -> list[signal.Signals]:
 def leave_at_interrupt() -> None:
     """Make SIGINT end the process immediately and without a traceback, even during imports.
 
-    Only for use while nothing moves or needs cleanup. An ignored SIGINT, as with a shell's `&`,
-    remains ignored.
+    This may only be used while no arm moves and nothing needs cleanup.
     """
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, _leave)
 
 
 def raise_at_interrupt() -> None:
-    """Raise KeyboardInterrupt on all signals that end a process, like Python does on SIGINT.
-
-    An ignored signal remains ignored.
-    """
+    """Raise KeyboardInterrupt on all signals that end a process, except ignored signals."""
     for number in ENDING:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)
 
 
 def ignore_interrupts() -> None:
-    """Ignore signals of the terminal when the work is done and the process is about to end.
-
-    Otherwise a second Ctrl-C could kill the interpreter during shutdown.
-    """
+    """Ignore the terminal's signals, which could kill the interpreter during shutdown."""
     for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
 
@@ -55,8 +47,7 @@ def ignore_interrupts() -> None:
 def raise_at_first_signal() -> None:
     """Raise KeyboardInterrupt on the first signal that ends a process, and ignore later ones.
 
-    Later signals must not interrupt the ending of the started processes. A SIGINT that a shell's
-    `&` has set to ignored is handled too.
+    Later signals must not interrupt the ending of the started processes.
     """
     for number in ending_signals():
         signal.signal(number, _raise_once)
@@ -64,10 +55,7 @@ def raise_at_first_signal() -> None:
 
 @contextmanager
 def interrupts_held(numbers: Sequence[int]) -> Iterator[None]:
-    """Delay signals during the block, so that each process it starts is registered for cleanup.
-
-    For use in the main thread.
-    """
+    """Delay signals in the block, so that processes started in it are registered for cleanup."""
     waiting: list[int] = []
 
     def wait(number: int, _frame: object) -> None:
@@ -85,13 +73,11 @@ def interrupts_held(numbers: Sequence[int]) -> Iterator[None]:
 
 @contextmanager
 def ended_by_signals(loop: asyncio.AbstractEventLoop, end: Callable[[], object]) -> Iterator[None]:
-    """Call `end` in `loop` on each signal that ends a process.
+    """Call `end` in `loop` on each signal that ends a process. Only for the main thread.
 
-    All signals except SIGTERM call it until the loop is closed, and are ignored afterward. (The
-    loop removes its own handlers while closing. Another Ctrl-C at that time would raise
-    KeyboardInterrupt at an arbitrary place.)
-
-    For use in the main thread, before the loop closes.
+    The signals except SIGTERM call `end` until the loop is closed, and are ignored after that.
+    (The loop removes its own handlers while it closes. With these, another Ctrl-C at that time
+    would raise KeyboardInterrupt at an arbitrary place.)
     """
 
     def interrupt(_number: int, _frame: object) -> None:

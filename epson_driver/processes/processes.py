@@ -17,34 +17,26 @@ from pathlib import Path
 
 from epson_driver.processes.command import module_command
 
-SAFE_DOMAINS = range(1, 102)
-"""ROS domains whose ports are below the ephemeral range of every common system."""
-
+SAFE_DOMAINS = range(1, 102)  # ports below the ephemeral range of every common system
 MAX_CLAIMS = 5
-"""Maximum number of claimed domains. The oldest claim is dropped first.
+"""Maximum number of domains that this process claims. A claim is only needed until participants
+have started in the domain. Until it ends, no other process can choose the domain, and two
+simultaneous test runs have eight processes that choose."""
 
-A claim is needed only until participants have started in the domain. Each additional claim blocks
-a domain for others: two simultaneous test runs have eight processes that choose."""
-
-claims: deque[socket.socket] = deque()
-"""Sockets that prevent other processes from choosing the same domains, the oldest first."""
+claims: deque[socket.socket] = deque()  # the oldest first
 
 END_TIMEOUT_S = 5.0
-
-TELLING = ('panel', 'sim_controller')
-"""Executables that print their address or ports on stdout once they are ready."""
-
-EXECUTABLE = tuple(module_command('epson_driver.cli'))
-"""Command of this package's executables, to be followed by a name and arguments."""
+TELLING = ('panel', 'sim_controller')  # they print address or ports on stdout once ready
+EXECUTABLE = tuple(module_command('epson_driver.cli'))  # to be followed by a name and arguments
 
 
 class RunError(RuntimeError):
-    """The run cannot continue. The text is the reason."""
+    """The run cannot continue. The text of the error is the reason."""
 
 
 @dataclass(frozen=True)
 class Ports:
-    """Ports of a simulated controller, printed in its `listening` line."""
+    """Ports of a simulated controller, as printed in its `listening` line."""
 
     motion: int
     state: int
@@ -55,10 +47,9 @@ class Ports:
 def free_ros_domain() -> int:
     """Return a ROS_DOMAIN_ID that is unused on this machine, and claim it for a while.
 
-    Each domain has separate UDP ports, 250 apart, starting at 7400 (DDSI-RTPS 9.6.1). The first
-    participant uses 7410. Until it starts, another process could choose the same domain. Therefore
-    a port that DDS leaves unused is bound to mark the domain as claimed, until this process ends
-    or has chosen MAX_CLAIMS others.
+    The UDP ports of a domain start at 7400 + 250 · domain (DDSI-RTPS 9.6.1). The first participant
+    uses the eleventh port. To claim the domain, this process binds a port that DDS leaves unused.
+    The claim lasts until this process ends, or has chosen MAX_CLAIMS other domains.
     """
     for domain in random.sample(SAFE_DOMAINS, len(SAFE_DOMAINS)):
         first = _first_port(domain)
@@ -79,10 +70,7 @@ def free_ros_domain() -> int:
 
 
 def port_beside(domain: int) -> int:
-    """Return a UDP port for a program that serves a domain. The domain must be claimed.
-
-    It is an unused port of the domain, below the system's ephemeral range.
-    """
+    """Return an unused UDP port of a claimed domain, below the system's ephemeral range."""
     return _first_port(domain) + 6
 
 
@@ -110,7 +98,7 @@ def ros_environment(domain: int) -> dict[str, str]:
 
 
 class Process:
-    """A running executable. The log file has its stderr, and its stdout unless that is piped."""
+    """A running executable. Its stderr is written to the log, and its stdout, unless piped."""
 
     def __init__(
         self,
@@ -130,38 +118,30 @@ class Process:
                 stderr=file,
                 env=environment,
             )
-
-    @property
-    def process_id(self) -> int:
-        """The process id."""
-        return self._popen.pid
+        self.process_id = self._popen.pid
 
     @property
     def returncode(self) -> int | None:
-        """The exit code, or None while the process runs."""
         return self._popen.poll()
 
     def wait(self, timeout: float | None = None) -> int:
-        """Wait for the end, and return the exit code. Raises TimeoutExpired after `timeout` s."""
         return self._popen.wait(timeout)
 
     def send(self, number: int) -> None:
-        """Send a signal to the process."""
         self._popen.send_signal(number)
 
     def kill(self) -> None:
-        """End the process with SIGKILL, like a crash or a power cut."""
         self._popen.kill()
         self._popen.wait()
 
     def end(self, number: int = signal.SIGINT) -> int:
-        """End the process like Ctrl-C, with SIGKILL after 5 s, and return its exit code."""
+        """End the process like Ctrl-C, or with SIGKILL after 5 s, and return its exit code."""
         if self._popen.poll() is None:
             self._popen.send_signal(number)
         return self.ended()
 
     def ended(self) -> int:
-        """Wait for the end, with SIGKILL after 5 s, and return the exit code."""
+        """Wait until the process ends, and return its exit code. After 5 s, send SIGKILL."""
         try:
             return self._popen.wait(END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
@@ -172,22 +152,16 @@ class Process:
                 self._popen.stdout.close()
 
     def ports(self) -> Ports:
-        """Wait until a sim_controller listens, and return its ports.
-
-        Raises RunError with its log if the process ends first.
-        """
+        """Wait for the ports of a sim_controller. If it ends, raise RunError with its log."""
         words = dict(word.split('=') for word in self._reported('listening'))
         return Ports(**{key: int(value) for key, value in words.items()})
 
     def address(self) -> str:
-        """Wait until a panel is served, and return its URL.
-
-        Raises RunError with its log if the process ends first.
-        """
+        """Wait for the URL of a panel. If it ends, raise RunError with its log."""
         return self._reported('panel')[0]
 
     def _reported(self, first: str) -> list[str]:
-        """Wait for the ready line of the process and return its words after the first."""
+        """Wait for the process's first line. Return its words after the word `first`."""
         assert self._popen.stdout is not None  # noqa: S101 - true for the names in TELLING
         line = self._popen.stdout.readline().decode()
         if not line.startswith(f'{first} '):
@@ -196,12 +170,10 @@ class Process:
         return line.split()[1:]
 
     def check_alive(self) -> None:
-        """Raise RunError with the log if the process has ended."""
         if self.returncode is not None:
             raise RunError(f'{self.name} ended with {self.returncode}:\n{self.log_text()}')
 
     def log_text(self) -> str:
-        """Return the log."""
         return self.log.read_text(encoding='utf-8', errors='replace')
 
 
@@ -214,7 +186,7 @@ def sim_controller(
 ) -> Process:
     """Start a simulated controller, by default on free ports.
 
-    `start`: initial joint positions, rad or m; None: the default of the executable.
+    `start`: initial joint positions, rad or m.
     """
     chosen = ports or Ports(0, 0, 0, 0)
     numbers = [
@@ -222,6 +194,7 @@ def sim_controller(
         for name in ('motion', 'state', 'io', 'remote')
         for word in (f'--{name}-port', str(getattr(chosen, name)))
     ]
+    numbers += ['--rtmc-port', '0']
     if start is not None:
         numbers.append('--start=' + ','.join(f'{position:.9g}' for position in start))
     return Process('sim_controller', [*numbers, *arguments], log, environment or dict(os.environ))
@@ -258,8 +231,7 @@ def clients(
 ) -> Process:
     """Start one process that drives several controllers, each in its namespace.
 
-    Writes a parameter file next to the log. `parameters` apply to all nodes. `__` in a name stands
-    for a dot.
+    Writes a parameter file next to the log. `parameters` apply to all nodes.
     """
     common = {name.replace('__', '.'): value for name, value in parameters.items()}
     file = log.with_suffix('.yaml')
@@ -277,7 +249,7 @@ def clients(
 
 
 def end_together(started: Sequence[Process], number: int = signal.SIGINT) -> None:
-    """End processes like Ctrl-C: send the signal to all in this order, then wait for each."""
+    """End processes like Ctrl-C does: signal all of them in this order, then wait for each."""
     for process in started:
         if process.returncode is None:
             process.send(number)
@@ -287,7 +259,6 @@ def end_together(started: Sequence[Process], number: int = signal.SIGINT) -> Non
 
 @contextlib.contextmanager
 def ended_at_exit(*processes: Process) -> Iterator[None]:
-    """End the processes at the end of the block, also after an exception."""
     try:
         yield
     finally:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A child process for computations. Values arrive at its stdin, replies leave by its stdout."""
+"""A child process for computations. It reads values from stdin, and writes replies to stdout."""
 
 import asyncio
 import contextlib
@@ -17,24 +17,18 @@ import numpy as np
 
 from epson_driver.processes.command import module_command, open_closed_streams
 
-PREFIX = struct.Struct('=IIQ')
-"""Checksum of what follows, and the lengths of the text and of the arrays, bytes."""
-
-MAX_BYTES = 2**31
-"""Maximum size of a value. It exceeds every trajectory, so a larger number is an error."""
-
+PREFIX = struct.Struct('=IIQ')  # checksum of the rest, and lengths of text and arrays, bytes
+MAX_BYTES = 2**31  # of a value: it exceeds every trajectory, so a larger number is an error
 _ARRAY = 'array'
 _DTYPES = {np.dtype(kind).str for kind in (float, int, bool)}
-_ALIGNMENT = 8
-"""Alignment of arrays in bytes, for efficient access."""
+_ALIGNMENT = 8  # alignment of arrays in bytes, for efficient access
 
 
 def packed(value: object) -> bytes:
-    """Return a value as bytes. Reading them executes no code.
+    """Return a value as bytes: a prefix, JSON text with the offsets of arrays, and all arrays.
 
     A value is None, a bool, a number, a text, a numpy array of numbers, or a tuple or dataclass of
-    such values. The bytes are a prefix, a JSON text with the offset of each array, and the data of
-    all arrays. Raises TypeError with the name of an unsupported type.
+    such values. Raises TypeError with the name of an unsupported type.
     """
     arrays: list[bytes] = []
     used = 0
@@ -63,14 +57,14 @@ def body_length(prefix: bytes) -> int:
     _, text, arrays = PREFIX.unpack(prefix)
     length = int(text + arrays)
     if length > MAX_BYTES:
-        raise ValueError(f'a value of {length} bytes: at most {MAX_BYTES} can be')
+        raise ValueError(f'a value of {length} bytes, but the limit is {MAX_BYTES}')
     return length
 
 
 def unpacked(data: bytes, kinds: Collection[type]) -> Any:
-    """Return the value of bytes made by `packed`. Only dataclasses in `kinds` are allowed.
+    """Return the value that was packed. Raises ValueError if the bytes are invalid.
 
-    Raises ValueError if the bytes are invalid.
+    kinds: allowed dataclasses.
     """
     names = {kind.__name__: kind for kind in kinds}
 
@@ -112,7 +106,6 @@ def read_value(stream: BinaryIO, kinds: Collection[type]) -> Any:
 
 
 def write_value(stream: BinaryIO, value: object) -> None:
-    """Write a value, and flush."""
     stream.write(packed(value))
     stream.flush()
 
@@ -125,7 +118,7 @@ async def next_value(stream: asyncio.StreamReader, kinds: Collection[type]) -> A
 
 
 def _fields(value: Any) -> Any:
-    """Return a dataclass as {type's name: values of its fields}, or a plain number for numpy's."""
+    """Return a dataclass as {type's name: values of its fields}, or a numpy number as a number."""
     if isinstance(value, np.generic):
         return value.item()
     try:
@@ -139,12 +132,11 @@ def _tuple(value: Any) -> Any:
 
 
 _THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
-"""Thread counts of the numeric libraries, set to one. The matrices are small, and spinning threads
-would delay time-critical work."""
+"""Variables with the thread counts of the numeric libraries, which are set to 1. The matrices are
+small, and spinning threads would delay time-critical work."""
 
 
 async def start_worker(module: str, stderr: int | None = None) -> asyncio.subprocess.Process:
-    """Start a module of this package, with pipes to its stdin and stdout. Raises OSError."""
     return await asyncio.create_subprocess_exec(
         *module_command(module),
         stdin=asyncio.subprocess.PIPE,
@@ -156,10 +148,7 @@ async def start_worker(module: str, stderr: int | None = None) -> asyncio.subpro
 
 
 async def until_done(task: 'asyncio.Task[None] | asyncio.Task[int]') -> None:
-    """Wait until a task has ended, even if cancelled, and raise its exception.
-
-    For cleanup that must complete, in a task that ends soon.
-    """
+    """Wait for a task that ends soon, even if the caller is cancelled. Raise its exception."""
     canceled: asyncio.CancelledError | None = None
     while not task.done():
         try:
@@ -172,7 +161,7 @@ async def until_done(task: 'asyncio.Task[None] | asyncio.Task[int]') -> None:
 
 
 async def end_worker(process: asyncio.subprocess.Process) -> None:
-    """Kill a worker and wait until it has ended, even if cancelled."""
+    """Kill a worker, and wait until it has ended, even if the caller is cancelled."""
     with contextlib.suppress(ProcessLookupError):
         process.kill()
     await until_done(asyncio.create_task(process.wait()))
@@ -187,7 +176,6 @@ def answer_file() -> BinaryIO:
 
 
 def ending(code: int | None) -> str:
-    """Return a clause on how a worker ended, given its exit code."""
     if code is not None and code < 0:
         named = -code in {number.value for number in signal.Signals}  # not for real-time signals
         return f'was ended by {signal.Signals(-code).name if named else f"signal {-code}"}'

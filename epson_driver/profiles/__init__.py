@@ -2,9 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Profiles of the supported kinds of controllers, read from config/controllers/."""
 
-from epson_driver.profiles.profile import (
-    ControllerProfile,
-    load_controller_profile,
-)
+from epson_driver.profiles.profile import ControllerProfile, load_controller_profile
 
 __all__ = ['ControllerProfile', 'load_controller_profile']

@@ -11,7 +11,7 @@ from epson_driver.inputs import InputError, choice, count, number, printable, sh
 from epson_driver.simple_message import IoType
 
 MAX_POINTS = 4096
-"""Maximum number of points of one type, because one message can contain all of them."""
+"""Maximum number of points of each type. One message can contain all of them."""
 
 MILLIVOLTS = 1000
 """mV per V. Messages contain analogue values in mV."""
@@ -19,17 +19,15 @@ MILLIVOLTS = 1000
 MAX_PERIOD_S = 60.0
 
 Point = tuple[IoType, int]
-"""Type and index of an I/O point."""
 
 OUTPUTS = {'DO': IoType.DIGITAL_OUTPUT, 'AO': IoType.ANALOG_OUTPUT}
 """Types of outputs by the prefix of their names in a profile, such as `DO0` and `AO1`."""
 
 ALL = 'all'
 
-IoAccess = Literal['server', 'remote_ethernet', 'motoman']
-"""Method by which a driver accesses the I/O points, see IoProfile."""
+IoAccess = Literal['server', 'remote_ethernet', 'motoman', 'rtmc']
 
-ACCESSES: tuple[IoAccess, ...] = ('server', 'remote_ethernet', 'motoman')
+ACCESSES: tuple[IoAccess, ...] = ('server', 'remote_ethernet', 'motoman', 'rtmc')
 
 NO_POINTS: frozenset[Point] = frozenset()
 
@@ -40,7 +38,8 @@ class IoProfile:
 
     * `access`: how a driver accesses the points. 'server': with the messages of docs/io.md at the
       I/O port, if a program on the controller serves it. 'remote_ethernet': with EPSON's commands
-      at the remote port. 'motoman': with MotoROS' messages at the I/O port.
+      at the remote port. 'motoman': with MotoROS' messages at the I/O port. 'rtmc': by Real-time
+      Motion Control.
     * `digital_inputs` to `flags`: number of points of each type. 24 digital inputs and 16 outputs
       are standard on an RC620, and analogue I/O is an optional board. `flags` are SPEL+'s memory
       I/O bits.
@@ -74,7 +73,6 @@ class IoProfile:
 
     @property
     def outputs(self) -> frozenset[Point]:
-        """All digital and analogue outputs."""
         return frozenset(
             (io_type, index)
             for io_type, count in (
@@ -89,13 +87,14 @@ def read_io_profile(data: Mapping[Any, Any], file: str) -> IoProfile:
     """Read the section `io` of a profile, with defaults for missing keys.
 
     Outputs have names like `DO3` or `AO0`, and `all` means every output. Safe values are 0 or 1
-    for digital outputs, and V for analogue outputs. Raises InputError if the section is invalid.
+    for digital outputs, and are in V for analogue outputs. Raises InputError if the section is
+    invalid.
     """
     place = f'{file}: io.'
     known = {item.name for item in fields(IoProfile)}
     for key in data:
         if key not in known:
-            raise InputError(f'{place}{printable(key)} is not a key of the I/O')
+            raise InputError(f'{place}{printable(key)} is not a key of the section io')
     plain: dict[str, Any] = {
         key: rule.checked(data[key], place + key) for key, rule in _RULES.items() if key in data
     }
@@ -110,17 +109,11 @@ def read_io_profile(data: Mapping[Any, Any], file: str) -> IoProfile:
     return IoProfile(**plain)
 
 
-_POINTS = count(0, MAX_POINTS)
-_PERIOD = number(0.001, MAX_PERIOD_S)
 _RULES = {
     'access': choice(*ACCESSES),
-    'digital_inputs': _POINTS,
-    'digital_outputs': _POINTS,
-    'analog_inputs': _POINTS,
-    'analog_outputs': _POINTS,
-    'flags': _POINTS,
-    'publish_period': _PERIOD,
-    'publish_interval': _PERIOD,
+    **dict.fromkeys(('digital_inputs', 'digital_outputs', 'flags'), count(0, MAX_POINTS)),
+    **dict.fromkeys(('analog_inputs', 'analog_outputs'), count(0, MAX_POINTS)),
+    **dict.fromkeys(('publish_period', 'publish_interval'), number(0.001, MAX_PERIOD_S)),
 }
 _VOLTS = number(-100.0, 100.0)
 

@@ -15,35 +15,17 @@ from typing import Any, Literal
 
 from epson_driver.inputs import InputError, near_names, printable, read_yaml, shown
 from epson_driver.profiles.io_profile import IoProfile, read_io_profile
-from epson_driver.profiles.profile_rules import (
-    LOOK_AHEAD_S,
-    RULES,
-    FieldsUsed,
-    checked,
-)
+from epson_driver.profiles.profile_rules import RULES, FieldsUsed, checked
 from epson_driver.share import share_path
 from epson_driver.simple_message import ByteOrder, Mode
-
-__all__ = [
-    'LOOK_AHEAD_S',
-    'ControllerProfile',
-    'DownloadProfile',
-    'IoProfile',
-    'MotionProfile',
-    'PortsProfile',
-    'ProgramProfile',
-    'RemoteProfile',
-    'ServerProfile',
-    'ServoProfile',
-    'SpelProfile',
-    'StateProfile',
-    'load_controller_profile',
-]
 
 
 @dataclass(frozen=True, slots=True)
 class PortsProfile:
-    """TCP ports of the controller. `remote`, Remote Ethernet, is 0 if a driver cannot use it."""
+    """TCP ports of the controller.
+
+    `remote` is the port of Remote Ethernet, or 0 if a driver cannot use it.
+    """
 
     motion: int
     state: int
@@ -89,8 +71,8 @@ class ServoProfile:
 class DownloadProfile:
     """Handling of trajectories that are downloaded as a whole before the arm moves.
 
-    `buffer`: maximum number of points. `overflow`: whether a longer trajectory is refused, or its
-    further points are dropped. `dead_time`: time that the program needs for each point, s.
+    `buffer`: maximum number of points. `overflow`: whether a longer trajectory is refused, or the
+    points beyond `buffer` are dropped. `dead_time`: time that the program needs for each point, s.
     """
 
     buffer: int
@@ -105,6 +87,7 @@ class ProgramProfile:
     * `kind`: 'points': JOINT_TRAJ_PT messages. 'motoman': Motoman's messages.
     * `interface`: default trajectory interface of a driver. 'statements': SPEL+ statements by
       Remote Ethernet, for a controller without a loaded program, which serves only that port.
+      'rtmc': Real-time Motion Control, also without a program.
     * `reply`: 'sequence': a JOINT_POSITION with the request's sequence number. 'header': only a
       header of the request's type.
     * `acknowledge`: when a streamed point is answered. 'taken': once it is accepted. 'default':
@@ -125,7 +108,7 @@ class ProgramProfile:
     * `motors`: how a driver switches the motors and resets errors. 'none': not at all.
       'remote_ethernet': by Remote Ethernet, if its port is configured. 'restart': also by Remote
       Ethernet, but the driver stops main before and starts it afterwards. 'motoman': by Motoman's
-      commands.
+      commands. 'rtmc': by Real-time Motion Control.
     * `smoothing`, `resample_period` (s), `thin_deviation` (rad, m): defaults of a driver's
       parameters with these names, which select the points of a trajectory to send.
     * `setpoint_period`: default of a driver's parameter `servo.period`, the time between the
@@ -133,7 +116,7 @@ class ProgramProfile:
     """
 
     kind: Literal['points', 'motoman']
-    interface: Literal['streaming', 'download', 'statements']
+    interface: Literal['streaming', 'download', 'statements', 'rtmc']
     reply: Literal['sequence', 'header']
     acknowledge: Literal['default', 'taken']
     check_sequence: bool
@@ -143,7 +126,7 @@ class ProgramProfile:
     accepts: Literal['exact', 'longer', 'any']
     special_sequences: Literal['all', 'stop']
     skip_first: float
-    motors: Literal['none', 'remote_ethernet', 'restart', 'motoman']
+    motors: Literal['none', 'remote_ethernet', 'restart', 'motoman', 'rtmc']
     smoothing: Literal['none', 'resample', 'thin']
     resample_period: float
     thin_deviation: float
@@ -151,8 +134,12 @@ class ProgramProfile:
     download: DownloadProfile
 
     @property
+    def loaded(self) -> bool:
+        """Whether the controller runs a loaded program, which serves the motion port."""
+        return self.interface not in ('statements', 'rtmc')
+
+    @property
     def point_message(self) -> Literal['joint_traj_pt', 'joint_traj_pt_full']:
-        """Type of message in which a driver sends points by default."""
         return 'joint_traj_pt_full' if self.kind == 'motoman' else 'joint_traj_pt'
 
 
@@ -163,6 +150,7 @@ class StateProfile:
     * `joint_positions_per_status`: number of joint messages after which a STATUS follows.
     * `status_with_joints`: whether the STATUS is sent together with the last of these joint
       messages. Otherwise it is sent in the next slot.
+    * `status_at_rest`: whether a STATUS also takes the first slot after the arm has come to rest.
     * `message`: type of the joint messages.
     * `feedback_time`: whether a JOINT_FEEDBACK contains the controller's time.
     * `errors`: which errors are reported. 'alarms': only those that need a reset, so no rejected
@@ -172,6 +160,7 @@ class StateProfile:
     period: float
     joint_positions_per_status: int
     status_with_joints: bool
+    status_at_rest: bool
     message: Literal['joint_position', 'joint_feedback']
     feedback_time: bool
     errors: Literal['all', 'alarms']
@@ -202,10 +191,11 @@ class ServerProfile:
 
 @dataclass(frozen=True, slots=True)
 class RemoteProfile:
-    """The Remote Ethernet port. A session times out `session_timeout` s after its last command.
+    """The Remote Ethernet port.
 
-    A `session_timeout` of 0 disables the time-out. An empty `password` accepts any password.
-    `clients` is the maximum number of simultaneous logins.
+    `session_timeout`: time without a command after which a client is disconnected, s (0: never).
+    `password`: if it is empty, any password is accepted. `clients`: maximum number of simultaneous
+    logins.
     """
 
     session_timeout: float
@@ -214,11 +204,25 @@ class RemoteProfile:
 
 
 @dataclass(frozen=True, slots=True)
+class RtmcProfile:
+    """Real-time Motion Control of an RC800.
+
+    `port`: UDP port at which it is discovered (0: it is not available). `cycle`: time between two
+    targets, s.
+    """
+
+    port: int
+    password: str
+    cycle: float
+
+
+@dataclass(frozen=True, slots=True)
 class SpelProfile:
     """The SPEL+ project that the simulation runs instead of a built-in program.
 
-    `project`: a folder of this package, or an absolute path (empty: none). `config`: the user's
-    changes to its #define lines. An empty value turns a definition off.
+    `project`: a folder of this package, an absolute path, or '' for the built-in program.
+    `config`: the user's changes to the project's #define lines. An empty value turns a definition
+    off.
     """
 
     project: str
@@ -229,8 +233,8 @@ class SpelProfile:
 class ControllerProfile:
     """Profile of one kind of controller.
 
-    `approximate`: known approximations in this profile, as sentences. `error_texts`: name of the
-    file in config/errors with the controller's error numbers.
+    `approximate`: the profile's known approximations, as sentences. `error_texts`: name of a file
+    in config/errors.
     """
 
     name: str
@@ -248,13 +252,13 @@ class ControllerProfile:
     spel: SpelProfile
     io: IoProfile
     remote: RemoteProfile
+    rtmc: RtmcProfile
 
 
 ALIKE = dict.fromkeys(('rc700', 'rc90', 'rc90b', 'rc800', 't', 'vt'), 'rc700a')
-"""Controllers that use another one's profile because no difference is known: name → profile."""
+"""Controllers that use the profile of another controller, because no difference is known."""
 
 OLD_NAMES = {'rc620': 'simulated'}
-"""Former names of profiles: old name → new name."""
 
 _log = logging.getLogger(__name__)
 
@@ -262,11 +266,10 @@ _log = logging.getLogger(__name__)
 def load_controller_profile(name: str) -> ControllerProfile:
     """Read config/controllers/NAME.yaml, or the file itself if `name` is a path to a .yaml file.
 
-    EPSON's spelling (RC700-A) and the controllers in ALIKE are also accepted.
-
-    A profile with `like: OTHER` contains only its differences from OTHER, which is a profile name
-    or a .yaml file in the same folder. Raises InputError if a profile is invalid, or if it does
-    not exist. Then the error lists the existing profiles, similar names first.
+    EPSON's spelling (RC700-A) and the controllers in ALIKE are also accepted. A profile with
+    `like: OTHER` contains only its differences from OTHER, which is the name of a profile or of a
+    .yaml file in the same folder. Raises InputError if a profile is invalid or unknown. If it is
+    unknown, the text lists similar names.
     """
     path = _path(name, Path())
     values = checked(_read(path), printable(path))
@@ -281,6 +284,7 @@ def load_controller_profile(name: str) -> ControllerProfile:
         spel=SpelProfile(**values.pop('spel')),
         io=read_io_profile(values.pop('io'), printable(path)),
         remote=RemoteProfile(**values.pop('remote')),
+        rtmc=RtmcProfile(**values.pop('rtmc')),
         **values,
     )
 
@@ -306,7 +310,10 @@ def _path(name: str, folder: Path) -> Path:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return the file's settings, with missing ones from the profile that its key `like` names."""
+    """Return the settings in the file.
+
+    Missing settings are taken from the profile that the key `like` names.
+    """
     layers: list[dict[str, Any]] = []
     read: list[str] = []
     like: str | None = None
@@ -336,7 +343,6 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _merged(base: dict[str, Any], over: dict[str, Any], place: str = '') -> dict[str, Any]:
-    """Return a copy of `base` in which the values in `over` replace those of the same key."""
     merged = dict(base)
     for key, value in over.items():
         base_value = base.get(key)

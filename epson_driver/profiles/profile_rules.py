@@ -10,7 +10,7 @@ from epson_driver.simple_message import ByteOrder, Mode
 
 
 class FieldsUsed(StrEnum):
-    """Fields of a JOINT_TRAJ_PT that a controller uses: velocity, duration, both or none."""
+    """Fields of a JOINT_TRAJ_PT that a controller uses."""
 
     BOTH = 'both'
     VELOCITY = 'velocity'
@@ -19,17 +19,14 @@ class FieldsUsed(StrEnum):
 
     @property
     def velocity(self) -> bool:
-        """Whether the velocity is used."""
         return self in (FieldsUsed.BOTH, FieldsUsed.VELOCITY)
 
     @property
     def duration(self) -> bool:
-        """Whether the duration is used."""
         return self in (FieldsUsed.BOTH, FieldsUsed.DURATION)
 
 
 LOOK_AHEAD_S = (0.01, 60.0)
-"""Minimum and maximum look-ahead of smooth motion, s."""
 
 MAX_TEXT_CHARACTERS = 10_000
 
@@ -65,7 +62,10 @@ def _mapping(value: Any) -> dict[str, Any]:
 
 
 def _defines(value: Any) -> dict[str, str]:
-    """Return #define lines by name, with numbers as texts and null as an empty text."""
+    """Return #define lines by name.
+
+    Numbers are converted to texts, and null is converted to an empty text.
+    """
     defines = {}
     for name, definition in _mapping(value).items():
         if not isinstance(name, str) or isinstance(definition, bool):
@@ -76,7 +76,7 @@ def _defines(value: Any) -> dict[str, str]:
     return defines
 
 
-_TEXT = Rule(_text, 'must be a text')
+_TEXT = Rule(_text, 'must be a string')
 _YES_OR_NO = Rule(_yes_or_no, 'must be true or false')
 _PORT = count(1, 65_535)
 _CLIENTS = count(1, 1000)
@@ -103,7 +103,7 @@ RULES: dict[str, Rule] = {
     'servo.lag': number(0.0, 1.0),
     'servo.encoder': _YES_OR_NO,
     'program.kind': choice('points', 'motoman'),
-    'program.interface': choice('streaming', 'download', 'statements'),
+    'program.interface': choice('streaming', 'download', 'statements', 'rtmc'),
     'program.reply': choice('sequence', 'header'),
     'program.acknowledge': choice('default', 'taken'),
     'program.check_sequence': _YES_OR_NO,
@@ -113,7 +113,7 @@ RULES: dict[str, Rule] = {
     'program.accepts': choice('exact', 'longer', 'any'),
     'program.special_sequences': choice('all', 'stop'),
     'program.skip_first': number(0.0, 0.1),
-    'program.motors': choice('none', 'remote_ethernet', 'restart', 'motoman'),
+    'program.motors': choice('none', 'remote_ethernet', 'restart', 'motoman', 'rtmc'),
     'program.smoothing': choice('none', 'resample', 'thin'),
     'program.resample_period': number(0.004, 1.0),
     'program.thin_deviation': number(0.0001, 1.0),
@@ -124,6 +124,7 @@ RULES: dict[str, Rule] = {
     'state.period': number(0.001, 1.0),
     'state.joint_positions_per_status': count(1, 1000),
     'state.status_with_joints': _YES_OR_NO,
+    'state.status_at_rest': _YES_OR_NO,
     'state.message': choice('joint_position', 'joint_feedback'),
     'state.feedback_time': _YES_OR_NO,
     'state.errors': choice('all', 'alarms'),
@@ -138,15 +139,15 @@ RULES: dict[str, Rule] = {
     'remote.session_timeout': number(0.0, 86_400.0),
     'remote.password': _TEXT,
     'remote.clients': _CLIENTS,
+    'rtmc.port': count(0, 65_535),
+    'rtmc.password': _TEXT,
+    'rtmc.cycle': number(0.001, 0.1),
 }
-"""Rules by full key, such as `motion.speed`. All keys are required."""
+"""Full key, such as `motion.speed` → rule. All keys are required."""
 
 
 def checked(data: dict[Any, Any], file: str) -> dict[str, Any]:
-    """Return the sections with their values, converted by `RULES`.
-
-    Raises InputError if a key is unknown, missing, or has an invalid value.
-    """
+    """Return the sections with their values, converted by `RULES`. Raises InputError."""
     flat_values = dict(_flat(data, ''))
     values: dict[str, Any] = {}
     for key in sorted(flat_values.keys() - RULES.keys()):
@@ -164,10 +165,7 @@ def checked(data: dict[Any, Any], file: str) -> dict[str, Any]:
 
 
 def _flat(data: dict[Any, Any], place: str) -> list[tuple[str, Any]]:
-    """Return the values of all sections by full key, such as `motion.speed`.
-
-    A mapping that is not a section in `RULES` is one value.
-    """
+    """Return the values of all sections of `RULES` by full key, such as `motion.speed`."""
     flat: list[tuple[str, Any]] = []
     for key, value in data.items():
         name = f'{place}{key}'

@@ -5,9 +5,10 @@
 Sources: RC+ 5.0 user's guide, Remote Ethernet (ten flags), and EPSON's node for Node-RED (the
 eleven flags of the RC700 generation, GetContDev).
 
-The simulated controller reports its identity (`$Sim,identity`). A real one is queried for its type
-and robot (`$GetContType`, `$GetRobotInfo`). A SPEL+ `Print` statement returns the joint positions.
-The controller accepts it only in AUTO, if it is idle and has no E-stop, error or open door.
+The simulated controller reports its identity (`$Sim,identity`). A real controller is queried for
+its type and its robot (`$GetContType`, `$GetRobotInfo`). A SPEL+ `Print` statement returns the
+joint positions. The controller accepts it only in AUTO, if it is idle and has no E-stop, error or
+open door.
 """
 
 import re
@@ -33,8 +34,7 @@ FLAGS = (
 )
 """Names of the flags in a GetStatus reply, from left to right."""
 
-REMOTE_ETHERNET = 26
-"""Number of Remote Ethernet as a control device, as returned by SPEL+'s CtrlInfo(5)."""
+REMOTE_ETHERNET = 26  # as a control device, as in SPEL+'s CtrlInfo(5)
 
 CONTROL_DEVICES = {
     20: 'the teach pendant',
@@ -46,10 +46,9 @@ CONTROL_DEVICES = {
 
 
 async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
-    """Request the status. Return the names of the flags that are set, and the error number.
+    """Return the flags that are set, and the error number.
 
-    A reply may omit the first flags of FLAGS: RC+ 5 sends ten, without Test. Raises
-    ConnectionError if the reply is not a status.
+    RC+ 5 omits the first flag, which is Test.
     """
     value = await ask('GetStatus')
     bits, _, number = value.partition(',')
@@ -61,10 +60,9 @@ async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
 
 
 async def ask_control_device(ask: Ask) -> int | None:
-    """Return the number of the device in control, a key of CONTROL_DEVICES.
+    """Return the number of the device in control, a key of CONTROL_DEVICES, or None.
 
-    Return None if the controller refuses the command or replies another number, because it is
-    unconfirmed that GetContDev uses the numbers of CtrlInfo(5).
+    It is unconfirmed that GetContDev uses the numbers of CtrlInfo(5).
     """
     try:
         value = (await ask('GetContDev')).strip()
@@ -78,11 +76,7 @@ _NAME = re.compile(r'(?=.*[A-Za-z])[A-Za-z0-9 ._+/-]{1,64}')
 
 
 async def identity(ask: Ask, address: str) -> str:
-    """Return the identity of a controller, such as `spel (simulated), c3_a601s, 127.0.0.1:5000`.
-
-    The type and the robot are omitted if they are missing or malformed. Raises the exceptions of
-    `ask`, except RemoteError.
-    """
+    """Return a controller's identity, such as `spel (simulated), c3_a601s, 127.0.0.1:5000`."""
     controller, robot, simulated = await ask_identity(ask)
     if simulated and controller != 'simulated':
         controller += ' (simulated)'
@@ -90,10 +84,9 @@ async def identity(ask: Ask, address: str) -> str:
 
 
 async def ask_identity(ask: Ask) -> tuple[str, str, bool]:
-    """Return type of controller, robot model, and whether the controller is simulated.
+    """Return the type of the controller, its robot model, and whether it is simulated.
 
-    The type of a simulated controller is the name of its profile. An unknown name is ''. Raises
-    the exceptions of `ask` except RemoteError.
+    The robot model is '' if it is unknown.
     """
     if result := _SIMULATED.fullmatch(await value_or_empty(ask, 'Sim,identity')):
         return result[1], result[2], True
@@ -103,8 +96,7 @@ async def ask_identity(ask: Ask) -> tuple[str, str, bool]:
     return names[0], names[1], False
 
 
-_SI_UNITS = {'rad': radians(1.0), 'm': 1e-3}
-"""Factor that converts a reply (degree or mm) to SI, by SI unit."""
+_SI_UNITS = {'rad': radians(1.0), 'm': 1e-3}  # from degrees or mm
 
 _SHOWN_CHARACTERS = 60
 
@@ -112,8 +104,7 @@ _SHOWN_CHARACTERS = 60
 async def ask_positions(ask: Ask, units: Sequence[str]) -> tuple[tuple[float, ...], bool]:
     """Return the joint positions, and whether the motors are on.
 
-    `units` contains the unit of each joint, rad or m. Raises ConnectionError unless the reply has
-    one number for each joint and one for the motors.
+    `units`: rad or m for each joint.
     """
     angles = ', '.join(f'Agl({joint})' for joint in range(1, len(units) + 1))
     command = f'Execute,"Print {angles}, Motor"'

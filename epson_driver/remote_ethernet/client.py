@@ -51,22 +51,16 @@ MEANINGS: dict[int, str] = {
 
 
 _MAX_LINE_BYTES = 65_536
-_MAX_SHOWN_CHARACTERS = 100
-"""Maximum length of an invalid reply in an error text, characters."""
-MAX_ERROR_DIGITS = 5
-"""Maximum number of digits of an error number in a valid reply."""
-
-MAX_LOGINS = 5
-"""Maximum number of login attempts: a controller without a free session closes the connection."""
-
-LOGIN_RETRY_PERIOD_S = 0.2
-"""Delay before the next login attempt, s."""
+_MAX_SHOWN_CHARACTERS = 100  # maximum length of an invalid reply in an error text, characters
+MAX_ERROR_DIGITS = 5  # maximum number of digits of an error number in a valid reply
+MAX_LOGINS = 5  # a controller without a free session closes the connection
+LOGIN_RETRY_PERIOD_S = 0.2  # delay before the next login attempt, s
 
 LOGIN_TIMEOUT_S = 5.0
 """Timeout of one login attempt, s.
 
-A new attempt is then faster than waiting, because the operating system repeats a dropped
-connection request at increasing intervals.
+After this time, a new attempt is faster than waiting, because the operating system repeats a
+dropped connection request at increasing intervals.
 """
 
 Ask = Callable[[str], Awaitable[str]]
@@ -80,11 +74,7 @@ Login = Callable[[float], AbstractAsyncContextManager[Ask]]
 
 
 class RemoteError(Exception):
-    """The controller refused a command.
-
-    `command` is the command as sent (a login without its password), `number` the error number, and
-    `meaning` the text of this number.
-    """
+    """The controller refused a command. `number` and `meaning` are those of the error."""
 
     def __init__(self, command: str, number: int) -> None:
         command = without_password(command)
@@ -97,11 +87,9 @@ class RemoteError(Exception):
 async def execute(
     host: str, port: int, commands: Sequence[str], timeout: float, password: str = ''
 ) -> list[str]:
-    """Log in, send the commands in order, log out, and return the value of each reply.
+    """Log in, send commands, log out, and return the values of the replies.
 
-    Commands are written without their `$`, for example `'SetMotorsOn,1'`. The first refused
-    command ends the sequence. The login is omitted if all commands are for a simulation (`Sim,…`).
-    Raises the exceptions of `logged_in`.
+    If all commands are `Sim,…`, no login is needed.
     """
     if all(command.startswith('Sim,') for command in commands):
         session = connected(host, port, timeout)
@@ -115,11 +103,7 @@ async def execute(
 async def connected(
     host: str, port: int, timeout: float, tries: int = MAX_LOGINS
 ) -> AsyncIterator[Ask]:
-    """Open a session without a login, for `$Sim` commands. Yield the function that sends them.
-
-    `timeout`, s, limits the whole session. `tries`: maximum number of attempts to connect, if the
-    controller closes the connection. Raises the exceptions of `logged_in`.
-    """
+    """Open a session without a login, for `$Sim` commands. It lasts at most `timeout` s."""
 
     async def first_command(ask: Ask) -> None:
         with suppress(RemoteError):  # the refusal of a real controller is also an answer
@@ -141,12 +125,10 @@ async def logged_in(
 
     `timeout`, s, limits the whole session. The login is repeated, in at most `max_logins`
     attempts, if the controller closes the connection before its answer, or does not answer within
-    LOGIN_TIMEOUT_S. Repeating is safe because no command has been sent. A failed logout is
-    ignored, because all commands have been answered.
+    LOGIN_TIMEOUT_S. Repeating is safe because no command has been sent.
 
-    Raises RemoteError if a command is refused, TimeoutError if the session exceeds `timeout`,
-    HungUpError if the controller closes the connection, and ConnectionError if it is unreachable
-    or sends an invalid reply.
+    Raises RemoteError if a command is refused, TimeoutError, HungUpError if the controller closes
+    the connection, and ConnectionError if it is unreachable or sends an invalid reply.
     """
 
     async def login(ask: Ask) -> None:
@@ -165,7 +147,10 @@ async def logged_in(
 async def _answering(
     host: str, port: int, first_command: Callable[[Ask], Awaitable[None]], attempts: int
 ) -> tuple[Ask, asyncio.StreamWriter]:
-    """Connect and send `first_command`, which must not move the arm, at most `attempts` times."""
+    """Connect and send `first_command`, at most `attempts` times.
+
+    The command must not move the arm.
+    """
     while True:
         attempts -= 1
         writer: asyncio.StreamWriter | None = None
@@ -236,7 +221,10 @@ async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, comma
 
 
 def answer_to(line: str, command: str) -> str | RemoteError | None:
-    """Return the value or refusal in a reply to `command`, or None if `line` is no such reply."""
+    """Return the value in a reply to `command`, or its refusal.
+
+    Return None if `line` is no reply to this command.
+    """
     name, _, value = line[1:].partition(',')
     number = value.strip()
     if name.lower() == command.partition(',')[0].lower():
@@ -248,7 +236,6 @@ def answer_to(line: str, command: str) -> str | RemoteError | None:
 
 
 def without_password(command: str) -> str:
-    """Return a command for display. A login is returned without its password."""
     name = command.partition(',')[0]
     return name if name.lower() == 'login' else command
 
@@ -264,10 +251,9 @@ class PreemptedError(ConnectionError):
 
 
 class RemoteTurns:
-    """Access to the remote port for one dialogue (a sequence of commands) at a time.
+    """Gives the remote port to one dialogue at a time.
 
-    An urgent dialogue, which switches the motors, cancels a patient one. For use in one event
-    loop.
+    An urgent dialogue cancels a running dialogue that is not urgent (`patient`).
     """
 
     def __init__(self) -> None:
@@ -277,7 +263,10 @@ class RemoteTurns:
 
     @asynccontextmanager
     async def urgent(self) -> AsyncIterator[None]:
-        """Acquire the port: cancel a running patient dialogue, or wait for an urgent one."""
+        """Acquire the port.
+
+        This cancels a running `patient` dialogue, and waits for another urgent dialogue.
+        """
         self._urgent += 1
         try:
             if self._patient is not None:
@@ -288,10 +277,7 @@ class RemoteTurns:
             self._urgent -= 1
 
     async def patient(self, dialogue: Callable[[], Coroutine[Any, Any, T]]) -> T:
-        """Wait for the port, run a dialogue, and return its result.
-
-        Raises the dialogue's exceptions, and PreemptedError if an urgent dialogue needs the port.
-        """
+        """Wait for the port, run a dialogue, and return its result."""
         async with self._lock:
             if self._urgent:
                 raise PreemptedError

@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Operator actions at a controller: a command table for `pendant`, panel and Python API.
 
-`$Sim,…` commands work at the simulated controller only. At a real one, an operator performs these
-actions by hand.
+`$Sim,…` commands work only with the simulated controller. At a real controller, an operator
+performs these actions by hand.
 """
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from epson_driver.inputs import near_names
 from epson_driver.remote_ethernet.client import Ask, RemoteError, RemoteErrorNumber
 
-MAX_ECHO_CHARACTERS = 200
-"""Maximum number of characters of an invalid input that an error text quotes."""
+MAX_ECHO_CHARACTERS = 200  # maximum length of an invalid input in an error text
 
 
 class UsageError(ValueError):
@@ -25,22 +25,18 @@ class RefusedError(Exception):
     def __init__(self, text: str, number: int = 0, *, explained: bool = True) -> None:
         super().__init__(text)
         self.number = number
-        self.explained = explained
-        """Whether the message contains more than the meaning of the error number."""
+        self.explained = explained  # more than the meaning of the error number is known
 
 
 class Action(NamedTuple):
     """An operator action.
 
-    * `commands`: alternatives, tried until the controller supports one.
-    * `done`: text after success; empty: the controller's reply.
-    * `moves`: the arm may move.
-    * `stops`: the action can only stop the arm, so it may be repeated after a missing reply.
+    `stops`: whether the action can only stop the arm. Such an action may be repeated.
     """
 
-    commands: tuple[str, ...]
-    done: str = ''
-    moves: bool = False
+    commands: tuple[str, ...]  # alternatives, tried until the controller supports one
+    done: str = ''  # text after success; empty: the controller's reply
+    moves: bool = False  # the arm may move
     stops: bool = False
 
 
@@ -67,9 +63,8 @@ ACTIONS = {
     'io': Action(('Sim,io',)),
     'fault': Action(('Sim,fault,list',)),
 }
-"""Actions without arguments, by name."""
 
-FORMS = {
+FORMS = {  # form of an action with arguments → its description
     'io KIND INDEX': 'read an I/O point, KIND = DI, DO or flag (*: AI or AO, too)',
     'io KIND INDEX VALUE': 'set DO or flag to on or off (*: DI, too, and AI or AO in mV)',
     'fault NAME [KEY=VALUE …]': 'start a fault',
@@ -77,7 +72,6 @@ FORMS = {
     'disturb JOINT DEGREES': 'push a joint (mm if it is linear)',
     'reboot [SECONDS]': 'power cycle, off for SECONDS (default: 5)',
 }
-"""Form of an action with arguments → its description."""
 
 POINTS = {
     'DI': ('GetIO,{}', ''),
@@ -90,14 +84,13 @@ SWITCH = {'off': '0', 'on': '1'}
 
 
 def action(text: str) -> Action:
-    """Return the action for a text such as `motors on`. Raises UsageError if it is invalid."""
     words = text.split()
     message = ' '.join(words)
     if message in ACTIONS:
         return ACTIONS[message]
     first, *rest = words or ['']
     if first not in {form.partition(' ')[0] for form in FORMS} or not text.isprintable():
-        known = ', '.join((*ACTIONS, *FORMS))
+        known = ', '.join(near_names(message[:MAX_ECHO_CHARACTERS], [*ACTIONS, *FORMS]))
         raise UsageError(f'{message[:MAX_ECHO_CHARACTERS]!r}: must be one of {known}')
     if first == 'io':
         return _point(rest)
@@ -123,7 +116,6 @@ def _is_number(text: str) -> bool:
 
 
 async def do(ask: Ask, requested: Action) -> str:
-    """Run an action and return the controller's reply. Raises RefusedError if it is refused."""
     for command in requested.commands:
         try:
             return await ask(command)
@@ -136,7 +128,6 @@ async def do(ask: Ask, requested: Action) -> str:
 
 
 async def value_or_empty(ask: Ask, command: str) -> str:
-    """Send a command and return the value of its reply, or '' if the controller refuses it."""
     try:
         return await ask(command)
     except RemoteError:

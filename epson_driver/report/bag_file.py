@@ -51,18 +51,14 @@ int32[] error_codes
 
 
 def typestore() -> Any:
-    """Return the message types of ROS 2 Jazzy and of industrial_msgs."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for name, definition in INDUSTRIAL_MSGS.items():
         store.register(get_types_from_msg(definition, name))
     return store
 
 
-METADATA_VERSION: Final = 9
-"""Version of metadata.yaml that ROS 2 Jazzy writes."""
-
-LEVELS = {'info': 20, 'warning': 30, 'error': 40}
-"""Levels of rcl_interfaces/Log."""
+METADATA_VERSION: Final = 9  # version of metadata.yaml that ROS 2 Jazzy writes
+LEVELS = {'info': 20, 'warning': 30, 'error': 40}  # levels of rcl_interfaces/Log
 
 TOPICS = {
     'joint_states': 'sensor_msgs/msg/JointState',
@@ -74,10 +70,10 @@ TOPICS = {
 
 
 def write_bag(run: Run, numbers: Figures, folder: Path) -> None:
-    """Write a run into a new folder, with the velocities of `numbers`.
+    """Write a run, with the velocities of `numbers`, into a new folder.
 
-    Raises RunError if the folder exists, and OSError if the bag cannot be written. A failure
-    leaves no partial bag.
+    If this fails, no folder remains. Raises RunError if the folder exists, and OSError if the bag
+    cannot be written.
     """
     if folder.exists():
         raise RunError(f'{folder}: must be a new folder for the bag')
@@ -104,71 +100,41 @@ def _write(run: Run, numbers: Figures, folder: Path) -> None:
 
 
 def _messages(run: Run, numbers: Figures, store: Any) -> Iterator[tuple[int, str, Any]]:
-    """Yield the messages of a run: time in ns since 1970, topic, message."""
+    """Yield the messages of a run: time, ns since 1970, topic and message."""
     types = store.types
-    stamp_type, header_type = types['builtin_interfaces/msg/Time'], types['std_msgs/msg/Header']
+    time_type, header_type = types['builtin_interfaces/msg/Time'], types['std_msgs/msg/Header']
 
-    def stamp(time: float) -> tuple[int, Any]:
-        time_ns = run.nanoseconds(time)
-        return time_ns, stamp_type(*divmod(time_ns, NANOSECONDS))
+    def stamp(time: float) -> Any:
+        return time_type(*divmod(run.nanoseconds(time), NANOSECONDS))
 
-    state = types[TOPICS['joint_states']]
+    def message(topic: str, time: float, *fields: Any, **more: Any) -> tuple[int, str, Any]:
+        return run.nanoseconds(time), topic, types[TOPICS[topic]](*fields, **more)
+
     names = list(run.joint_names)
     none = np.array([], dtype=float)
     for time, position, velocity in zip(
         run.times.tolist(), run.positions, numbers.velocities, strict=True
     ):
-        time_ns, stamp_message = stamp(time)
-        yield (
-            time_ns,
-            'joint_states',
-            state(header_type(stamp_message, ''), names, position.copy(), velocity.copy(), none),
-        )
+        fields = (header_type(stamp(time), ''), names, position.copy(), velocity.copy(), none)
+        yield message('joint_states', time, *fields)
     tri, mode = types['industrial_msgs/msg/TriState'], types['industrial_msgs/msg/RobotMode']
-    status = types[TOPICS['robot_status']]
     for condition in run.conditions:
-        time_ns, stamp_message = stamp(condition.time)
-        flags = {name: tri(value) for name, value in zip(FLAGS, condition.flags, strict=True)}
-        codes = np.array(condition.error_codes, dtype=np.int32)
-        yield (
-            time_ns,
-            'robot_status',
-            status(
-                header=header_type(stamp_message, ''),
-                mode=mode(condition.mode),
-                error_codes=codes,
-                **flags,
-            ),
-        )
-    trajectory = types[TOPICS['report/plan']]
+        more = {name: tri(value) for name, value in zip(FLAGS, condition.flags, strict=True)}
+        more['error_codes'] = np.array(condition.error_codes, dtype=np.int32)
+        more |= {'header': header_type(stamp(condition.time), ''), 'mode': mode(condition.mode)}
+        yield message('robot_status', condition.time, **more)
     point = types['trajectory_msgs/msg/JointTrajectoryPoint']
     duration = types['builtin_interfaces/msg/Duration']
     for plan in run.plans:
-        time_ns, stamp_message = stamp(plan.sent)
+        times = [duration(*divmod(round(t * 1e9), NANOSECONDS)) for t in plan.times.tolist()]
         points = [
-            point(
-                position.copy(), none, none, none, duration(*divmod(round(t * 1e9), NANOSECONDS))
-            )
-            for t, position in zip(plan.times.tolist(), plan.positions, strict=True)
+            point(position.copy(), none, none, none, time)
+            for time, position in zip(times, plan.positions, strict=True)
         ]
-        yield time_ns, 'report/plan', trajectory(header_type(stamp_message, ''), names, points)
-    log = types[TOPICS['report/events']]
+        yield message('report/plan', plan.sent, header_type(stamp(plan.sent), ''), names, points)
     for event in run.events:
-        time_ns, stamp_message = stamp(event.time)
         text = f'{event.text}\n{event.remedy}' if event.remedy else event.text
-        yield (
-            time_ns,
-            'report/events',
-            log(
-                stamp=stamp_message,
-                level=LEVELS[event.level],
-                name='epson_driver report',
-                msg=text,
-                file='',
-                function='',
-                line=0,
-            ),
-        )
-    number = types[TOPICS['report/reply_latency']]
+        source = ('epson_driver report', text, '', '', 0)  # node, text, file, function, line
+        yield message('report/events', event.time, stamp(event.time), LEVELS[event.level], *source)
     for reply in run.replies:
-        yield stamp(reply.time)[0], 'report/reply_latency', number(reply.latency)
+        yield message('report/reply_latency', reply.time, reply.latency)

@@ -38,21 +38,17 @@ from epson_driver.report.run import (
 from epson_driver.report.trace_run import LINK_LOST
 
 MAGIC = b'\x89MCAP0\r\n'
-HEADER, FOOTER, DATA_END = 0x01, 0x02, 0x0F
-"""Operation codes of the records Header, Footer and Data End (MCAP specification, Records)."""
-
-_LENGTH = 9
-"""Length of a record's operation code and of its length field together, bytes."""
+HEADER, FOOTER, DATA_END = 0x01, 0x02, 0x0F  # MCAP operation codes
+_LENGTH = 9  # length of a record's operation code and of its length field together, bytes
 
 _END = bytes([FOOTER]) + (20).to_bytes(8, 'little') + bytes(20) + MAGIC
-"""A footer without a summary, which makes MCAP readers scan the records."""
+"""A footer without a summary, which makes readers of MCAP files scan all records."""
 
 
 def whole_mcap(path: Path, folder: Path) -> Path | None:
     """Write the complete records of a possibly truncated MCAP file into a new file in `folder`.
 
-    Returns the path of the new file, or None if `path` is no MCAP file. Raises OSError if a file
-    cannot be read or written.
+    Returns its path, or None if `path` is no MCAP file.
     """
     copy = folder / path.name
     with open_file(path) as source:
@@ -77,17 +73,14 @@ LOG = 'rcl_interfaces/msg/Log'
 STRING = 'std_msgs/msg/String'
 FLOAT = 'std_msgs/msg/Float64'
 CONTROLLER_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
-
-WARNING, ERROR = 30, 40
-"""Levels of rcl_interfaces/Log."""
-
-MAX_JOINT_STATES = 3_000_000
-"""Maximum number in one bag: 4.6 hours at 182 Hz."""
-
+WARNING, ERROR = 30, 40  # levels of rcl_interfaces/Log
+MAX_JOINT_STATES = 3_000_000  # maximum number in one bag: 4.6 hours at 182 Hz
 BASE_BYTES, GROWTH = 128 * MEGABYTE, 50
-"""Maximum memory for reading a bag: BASE_BYTES, and GROWTH bytes for each byte of the bag."""
+"""Maximum memory for reading a bag: BASE_BYTES, plus GROWTH bytes for each byte of the bag."""
 
 CUT_OFF = 'the file is truncated: its end with the index is missing, complete messages were read'
+
+Reference = tuple[float, float, list[float]]  # time, time since the start, s, and positions
 
 TOPICS_TO_RECORD = (
     "record joint_states, robot_status, rosout and the driver's ~/link_state, ~/controller_state"
@@ -98,7 +91,6 @@ def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run
     """Return the run in a bag.
 
     * path: folder of the bag, or its file if it has only one.
-    * texts: the controller's error texts.
     * namespace: namespace of the robot, needed if the bag has several joint_states.
 
     Raises RunError if joint states are missing, or if the bag cannot be read.
@@ -144,9 +136,9 @@ def _size(path: Path) -> int:
 
 @contextmanager
 def _bounded(maximum: int) -> Iterator[None]:
-    """Limit additional memory and the size of written files to `maximum` bytes each.
+    """Limit the additional memory and the written files to `maximum` bytes.
 
-    A compressed bag can expand to any size, which the library does not limit.
+    A compressed bag may expand to any size.
     """
     used = int(Path('/proc/self/statm').read_text('ascii').split()[0]) * resource.getpagesize()
     kinds = (resource.RLIMIT_AS, resource.RLIMIT_FSIZE)
@@ -168,7 +160,10 @@ def _read_whole(
 
 
 class _Bag:
-    """Collects a run from the messages of a bag. `note`: the damage of the bag, or ''."""
+    """Collects a run from the messages of a bag.
+
+    `note`: a sentence about damage of the bag, or ''.
+    """
 
     def __init__(self, reader: Any, path: Path, namespace: str | None, note: str) -> None:
         self._reader = reader
@@ -185,45 +180,37 @@ class _Bag:
         self._events: list[Event] = []
         self._replies: list[Reply] = []
         self._links: list[tuple[float, str, bool]] = []
-        self._followed: list[tuple[float, float, list[float]]] = []
+        self._followed: list[Reference] = []
         self._traffic: dict[tuple[str, str], list[float]] = defaultdict(list)
-        self._ours = any(
-            connection.topic.endswith('/report/events') for connection in reader.connections
-        )
+        self._ours = any(item.topic.endswith('/report/events') for item in reader.connections)
 
     def _choose(self, namespace: str | None) -> Any:
-        result = {
-            connection.topic: connection
-            for connection in self._reader.connections
-            if connection.msgtype == JOINT_STATE
-        }
+        connections = self._reader.connections
+        result = {item.topic: item for item in connections if item.msgtype == JOINT_STATE}
         if namespace is not None:
             topic = f'/{namespace.strip("/")}/joint_states'.replace('//', '/')
             if topic not in result:
                 has = ', '.join(sorted(result)) or 'none'
-                raise RunError(f'{self._path}: it contains no {topic} (joint states: {has})')
+                raise RunError(
+                    f'{self._path}: it contains no {topic} (topics with joint states: {has})'
+                )
             return result[topic]
         if not result:
-            topics = (
-                ', '.join(sorted(connection.topic for connection in self._reader.connections))
-                or 'none'
-            )
+            topics = ', '.join(sorted(item.topic for item in connections)) or 'none'
             why = self._note or TOPICS_TO_RECORD
             raise RunError(f'{self._path}: it contains no joint states (topics: {topics}): {why}')
+        # `ros2 bag record -a` also records ~/joint_commands, which the driver receives
+        named = {topic: item for topic, item in result.items() if topic.endswith('/joint_states')}
+        result = named or result
         if len(result) > 1:
             text = f'it contains joint states of several robots ({", ".join(sorted(result))})'
             raise RunError(f'{self._path}: {text}: choose one with --namespace')
         return next(iter(result.values()))
 
     def _belongs(self, connection: Connection) -> bool:
-        """Return whether a topic belongs to this robot, or to all robots."""
         return connection.topic == '/rosout' or connection.topic.startswith(f'{self._prefix}/')
 
     def run(self, texts: ErrorTexts) -> Run:
-        """Read the messages in the order of their times, and return the run.
-
-        Raises RunError if the bag has no joint state.
-        """
         self._began = int(self._reader.start_time)
         takers: dict[str, Callable[[Connection, float, Any], None]] = {
             JOINT_STATE: self._joint_state,
@@ -255,9 +242,9 @@ class _Bag:
         return self._finished(texts, end, broken)
 
     def _read(self, connections: list[Connection]) -> Iterator[tuple[Any, int, Any]]:
-        """Yield connection, time in ns, and message.
+        """Yield the connection, the time, ns, and the message of each record.
 
-        If the bag is truncated, the last message is a text with the reason.
+        At the end, yield a text if the bag is damaged.
         """
         try:
             for connection, stamp, data in self._reader.messages(connections=connections):
@@ -294,20 +281,14 @@ class _Bag:
     def _robot_status(self, _connection: Connection, time: float, message: Any) -> None:
         flags = tuple(int(getattr(message, name).val) for name in FLAGS)
         codes = tuple(int(code) for code in message.error_codes)
-        self._conditions.append(
-            Condition(time, flags, int(message.mode.val), codes)  # type: ignore[arg-type]
-        )
+        mode = int(message.mode.val)
+        self._conditions.append(Condition(time, flags, mode, codes))
 
     def _trajectory(self, connection: Connection, time: float, message: Any) -> None:
         order = self._order(message.joint_names)
         if order is None or not message.points:
             return
-        times = array(
-            [
-                p.time_from_start.sec + p.time_from_start.nanosec / NANOSECONDS
-                for p in message.points
-            ]
-        )
+        times = array([_seconds(p.time_from_start) for p in message.points])
         rows = [p.positions for p in message.points]
         if wrong := _why_no_plan(times, rows, len(message.joint_names)):
             text = f'an invalid trajectory ({connection.topic}): {wrong}'
@@ -326,14 +307,8 @@ class _Bag:
             return
         if not np.isfinite(reference.positions).all():
             return
-        since = reference.time_from_start
-        self._followed.append(
-            (
-                time,
-                since.sec + since.nanosec / NANOSECONDS,
-                [float(reference.positions[k]) for k in order],
-            )
-        )
+        since = _seconds(reference.time_from_start)
+        self._followed.append((time, since, [float(reference.positions[k]) for k in order]))
 
     def _log(self, connection: Connection, time: float, message: Any) -> None:
         if connection.topic == '/rosout' and 'epson' not in message.name:
@@ -348,27 +323,20 @@ class _Bag:
         if connection.topic.endswith('/link_state'):
             up = message.data == 'connected'
             self._links.append((time, 'motion and state', up))
-            self._events.append(
-                Event(
-                    time,
-                    'info' if up else 'warning',
-                    f'link: {message.data}',
-                    '' if up else LINK_LOST,
-                )
-            )
+            level, remedy = ('info', '') if up else ('warning', LINK_LOST)
+            self._events.append(Event(time, level, f'link: {message.data}', remedy))
 
     def _float(self, connection: Connection, time: float, message: Any) -> None:
         if connection.topic.endswith('/report/reply_latency'):
             self._replies.append(Reply(time, float(message.data), 'request'))
 
     def _sent(self) -> list[float]:
-        """Return the estimated sending times of the joint states, s."""
         arrivals = [Arrival(time, joints=True) for time in self._times]
         arrivals += [Arrival(condition.time, joints=False) for condition in self._conditions]
         return sent_times(sorted(arrivals, key=lambda arrival: arrival.time))
 
     def _order(self, names: list[str]) -> list[int] | None:
-        """Return the indices of the robot's joints in `names`, or None if one is missing."""
+        """Return the index in `names` of each joint of the robot, or None if one is missing."""
         if not self._names:
             return None  # the joints are unknown before the first joint state
         return [names.index(n) for n in self._names] if set(self._names) <= set(names) else None
@@ -411,8 +379,15 @@ class _Bag:
         )
 
 
+def _seconds(duration: Any) -> float:
+    return float(duration.sec + duration.nanosec / NANOSECONDS)
+
+
 def _why_no_plan(times: Array, rows: Sequence[Any], joints: int) -> str:
-    """Return why the points of a trajectory are invalid, or ''. The driver rejects them, too."""
+    """Return why the points of a trajectory are invalid, or ''.
+
+    The driver rejects such trajectories, too.
+    """
     for number, row in enumerate(rows):
         if len(row) != joints:
             return f'point {number} has {len(row)} positions for {joints} joints'
@@ -424,14 +399,9 @@ def _why_no_plan(times: Array, rows: Sequence[Any], joints: int) -> str:
     return ''
 
 
-def _followed_plans(
-    followed: list[tuple[float, float, list[float]]], joints: int
-) -> Iterator[Plan]:
-    """Yield a plan for each goal, from the references of ~/controller_state.
-
-    `followed`: time, time since the start of the goal, s, and positions of each reference.
-    """
-    rows: list[tuple[float, float, list[float]]] = []
+def _followed_plans(followed: list[Reference], joints: int) -> Iterator[Plan]:
+    """Yield a plan for each goal. It consists of the references in ~/controller_state."""
+    rows: list[Reference] = []
     for row in followed:
         if rows and row[1] < rows[-1][1]:  # the time from the start has been reset
             yield _plan(rows, joints)
@@ -442,6 +412,6 @@ def _followed_plans(
         yield _plan(rows, joints)
 
 
-def _plan(rows: list[tuple[float, float, list[float]]], joints: int) -> Plan:
+def _plan(rows: list[Reference], joints: int) -> Plan:
     times = array([since for _, since, _ in rows])
     return Plan(rows[0][0] - rows[0][1], times, array([p for *_, p in rows], joints))

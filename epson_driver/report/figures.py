@@ -1,10 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Computes the figures of a run: message rates and intervals, reply latencies, and each motion."""
+"""Computes the measured values of a run.
+
+They describe the rates and intervals of messages, the latencies of replies, and the motions.
+"""
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -15,39 +19,27 @@ from epson_driver.report.measure import Recording, measure
 from epson_driver.report.run import NANOSECONDS, Event, Plan, Run
 from epson_driver.robots import RobotModel
 
-HALF_WINDOW_S = 0.03
-"""Half width of the window around a sample to which a parabola is fitted, s."""
-
-MIN_NEIGHBOURS, MAX_NEIGHBOURS = 2, 25
-"""Minimum and maximum number of samples in a window on either side."""
-
-LATE_PERIODS = 5.0
-"""A joint state is very late after an interval of more than this multiple of the median."""
-
-UNLIKELY_SHARE = 0.3
-"""Relative deviation from a fit to many samples above which the fit replaces a velocity."""
-
-SHORTEST_SHARE = 0.9
-"""Minimum interval at which joint states are sent, as a fraction of the median interval."""
-
-CHUNK = 20_000
-"""Number of samples fitted together. It bounds the memory."""
+HALF_WINDOW_S = 0.03  # half width of the window around a sample to which a parabola is fitted, s
+MIN_NEIGHBOURS, MAX_NEIGHBOURS = 2, 25  # number of samples in a window on either side
+LATE_PERIODS = 5.0  # interval before a very late joint state / median interval
+UNLIKELY_FRACTION = 0.3  # relative deviation of a velocity from a fit that then replaces it
+SHORTEST_FRACTION = 0.9  # minimum interval of sending / median interval
+CHUNK = 20_000  # number of samples fitted together, which bounds the memory
 
 
 def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Array, Array]:
     """Return velocities and accelerations from estimated sending times, shape (k, m) each.
 
-    `sent`, `came`: sending and arrival times, s, shape (k,). `positions`: shape (k, m).
-
-    A controller sends periodically, so joint states that arrive in a burst were delayed in
-    transit. Around a very late joint state, the sending times are uncertain. There, a fit
-    to the arrivals of MAX_NEIGHBOURS samples on either side replaces velocities that deviate
-    strongly from it, and their accelerations.
+    `sent`, `came`: sending and arrival times, s, shape (k,). A controller sends periodically, so
+    joint states that arrive in a burst were delayed in transit. Around a very late joint state,
+    the sending times are uncertain. Velocities there are compared with a fit to the arrivals of
+    MAX_NEIGHBOURS samples on either side. If a velocity deviates strongly, the fit replaces it and
+    its acceleration.
     """
     if len(came) < 2 * MIN_NEIGHBOURS + 1:
         return derivatives(sent, positions)
     gaps = np.diff(came)
-    shortest = SHORTEST_SHARE * float(np.median(gaps))
+    shortest = SHORTEST_FRACTION * float(np.median(gaps))
     sent, came = apart(sent, shortest), apart(came, shortest)
     velocities, accelerations = derivatives(sent, positions)
     late = np.flatnonzero(gaps > LATE_PERIODS * np.median(gaps))
@@ -59,14 +51,17 @@ def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Arra
     reach = min(MAX_NEIGHBOURS, (len(came) - 1) // 2)
     slopes, _ = _fitted(came, positions, reach, degree=1)
     _, bends = _fitted(came, positions, reach, degree=2)
-    unlikely = np.abs(velocities - slopes) > UNLIKELY_SHARE * np.abs(slopes)
+    unlikely = np.abs(velocities - slopes) > UNLIKELY_FRACTION * np.abs(slopes)
     unlikely &= doubtful[:, None]
     velocities[unlikely], accelerations[unlikely] = slopes[unlikely], bends[unlikely]
     return velocities, accelerations
 
 
 def apart(times: Array, shortest: float) -> Array:
-    """Return ascending times, some moved earlier so that all are at least `shortest` s apart."""
+    """Return ascending times, moved earlier where necessary.
+
+    Neighbouring times are then at least `shortest` s apart.
+    """
     steps = shortest * np.arange(len(times))
     return np.asarray(np.minimum.accumulate((times - steps)[::-1])[::-1] + steps)
 
@@ -74,11 +69,9 @@ def apart(times: Array, shortest: float) -> Array:
 def derivatives(times: Array, positions: Array) -> tuple[Array, Array]:
     """Return velocities and accelerations from parabolas fitted to positions, shape (k, m) each.
 
-    Differences of neighbouring samples would turn the jitter of arrival times into spikes.
-
-    `times`: shape (k,), s, ascending. `positions`: shape (k, m). The parabola of a sample is
-    fitted to the samples within HALF_WINDOW_S, and to at least two on either side. Near the ends
-    the window is one-sided. With fewer than five samples all results are 0.
+    Differences of neighbouring samples would turn the jitter of arrival times into spikes. A fit
+    covers the samples within HALF_WINDOW_S, and at least two on either side, except at the ends.
+    With fewer than five samples all results are 0. `times`: shape (k,), s, ascending.
     """
     count = len(times)
     if count < 2 * MIN_NEIGHBOURS + 1:
@@ -89,7 +82,6 @@ def derivatives(times: Array, positions: Array) -> tuple[Array, Array]:
 
 
 def _fitted(times: Array, positions: Array, reach: int, degree: int) -> tuple[Array, Array]:
-    """Return velocities and accelerations of polynomials fitted to `reach` samples on a side."""
     count = len(times)
     velocities, accelerations = np.empty_like(positions), np.zeros_like(positions)
     offsets = np.arange(-reach, reach + 1)
@@ -110,27 +102,18 @@ def _fitted(times: Array, positions: Array, reach: int, degree: int) -> tuple[Ar
     return velocities, accelerations
 
 
-FORMAT = 1
-"""Version of the JSON format. It changes when a key is removed or changes its meaning."""
-
-STANDSTILL_RAD = 5e-4
-"""Displacement of a joint up to which the arm has not moved yet, rad or m."""
-
-MAX_PAIRS = 25_000_000
-"""Maximum plan points times joint states to compare. Longer motions are subsampled."""
-
-STOP_SHARE = 0.02
-"""Speed below which a moving arm is stopped, as a fraction of its top speed."""
-
-MIN_STOP_S = 0.03
-"""Minimum duration of a stop, s."""
+FORMAT = 1  # of the JSON: changes when a key is removed or changes its meaning
+STANDSTILL_RAD = 5e-4  # displacement of a joint up to which the arm has not moved yet, rad or m
+MAX_PAIRS = 25_000_000  # maximum plan points × joint states to compare, else subsampled
+STOP_FRACTION = 0.02  # speed below which a moving arm is stopped, as a fraction of its top speed
+MIN_STOP_S = 0.03  # minimum duration of a stop, s
 
 
 @dataclass(frozen=True)
 class Timing:
-    """The number and rate, Hz, of messages, and their intervals or latencies, s.
+    """Statistics of messages: count, rate, Hz, and intervals or latencies, s.
 
-    Values are None if fewer than two messages exist. `p99`: the 99 % quantile.
+    With fewer than two messages, rate and intervals are None.
     """
 
     count: int
@@ -145,10 +128,8 @@ class Motion:
     """One plan and its execution. Times in s, angles in rad, lengths in m.
 
     * sent, began: times of the first point and of the first motion.
-    * points, planned: number of points and duration of the plan.
     * dead_time: from `sent` to `began`.
-    * moved: duration of the motion.
-    * stops: number of stops during the motion that are not in the plan.
+    * stops: stops that are not in the plan.
     * waypoint_deviation: largest distance of a point from the path, independent of time.
 
     Values are None if the arm did not move.
@@ -170,12 +151,7 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """All measured values of a run.
-
-    * velocities, accelerations: of the joint states, shape (k, m).
-    * traffic: name, sender and intervals of each kind of message.
-    * replies: name and latencies of each kind of request.
-    """
+    """All measured values of a run. Velocities and accelerations: shape (k, m)."""
 
     velocities: Array
     accelerations: Array
@@ -183,15 +159,16 @@ class Figures:
     traffic: tuple[tuple[str, str, Timing], ...]
     replies: tuple[tuple[str, Timing], ...]
     motions: tuple[Motion, ...]
-    stops: tuple[tuple[float, float], ...]
-    """Standstills during motions: start and duration, s."""
+    stops: tuple[tuple[float, float], ...]  # standstills during motions: start and duration, s
 
 
 def figures(run: Run, metric: Array | None = None) -> Figures:
-    """Return the figures of a run. Velocities measured by the controller are used if available.
+    """Return the measured values of a run.
 
-    `metric`: JointLimits.rad_per_unit, shape (m,), which makes prismatic joints comparable with
-    revolute ones when standstills are detected. Without it, all joints count as revolute.
+    Velocities that the controller has measured are used if available.
+
+    `metric`: JointLimits.rad_per_unit, shape (m,). It makes prismatic and revolute joints
+    comparable.
     """
     metric = np.ones(len(run.joint_names)) if metric is None else metric
     sent = run.times if run.sent is None else run.sent
@@ -205,16 +182,15 @@ def figures(run: Run, metric: Array | None = None) -> Figures:
         if motion.began is not None and motion.moved is not None:
             ended = motion.began + motion.moved
             stops += _standstills(run, velocities * metric, motion.began, ended)
-    names = sorted({reply.name for reply in run.replies})
+    latencies: dict[str, list[float]] = defaultdict(list)
+    for reply in run.replies:
+        latencies[reply.name].append(reply.latency)
     return Figures(
         velocities,
         accelerations,
         _between(run.times),
         tuple((item.name, item.sender, _between(item.times)) for item in run.traffic),
-        tuple(
-            (name, _latencies([item.latency for item in run.replies if item.name == name]))
-            for name in names
-        ),
+        tuple((name, _quantiles(len(v), None, v)) for name, v in sorted(latencies.items())),
         tuple(motions),
         tuple(stops),
     )
@@ -223,31 +199,19 @@ def figures(run: Run, metric: Array | None = None) -> Figures:
 def _between(times: Array) -> Timing:
     if len(times) < 2:
         return Timing(len(times))
-    gaps = np.diff(times)
-    span = float(times[-1] - times[0])
-    return Timing(
-        len(times),
-        len(gaps) / span if span > 0.0 else None,
-        float(np.median(gaps)),
-        float(np.quantile(gaps, 0.99)),
-        float(gaps.max()),
-    )
+    gaps, span = np.diff(times), float(times[-1] - times[0])
+    return _quantiles(len(times), len(gaps) / span if span > 0.0 else None, gaps.tolist())
 
 
-def _latencies(values: Sequence[float]) -> Timing:
-    return Timing(
-        len(values),
-        None,
-        float(np.median(values)),
-        float(np.quantile(values, 0.99)),
-        float(max(values)),
-    )
+def _quantiles(count: int, rate: float | None, values: Sequence[float]) -> Timing:
+    p99 = float(np.quantile(values, 0.99))
+    return Timing(count, rate, float(np.median(values)), p99, max(values))
 
 
 def _motion(
     plan: Plan, until: float, run: Run, velocities: Array, accelerations: Array, metric: Array
 ) -> Motion:
-    """Return the figures of a plan's execution. `until`: the time of the next plan, s."""
+    """Return the measured values of a plan's execution. `until`: time of the next plan, s."""
     bare = Motion(plan.sent, len(plan.times), float(plan.times[-1]))
     here = np.flatnonzero((run.times >= plan.sent) & (run.times < until))
     if len(here) < 2:
@@ -263,24 +227,20 @@ def _motion(
     last = max(last, first + 1) if first + 1 < len(here) else last
     moving = here[first : last + 1]
     began = float(run.times[moving[0]])
-    names = run.joint_names
-    stops = commanded = None
-    waypoint = None
+    stops = commanded = waypoint = None
     if len(plan.times) > 1 and len(moving) > 4:
         stride = math.ceil(len(plan.times) * len(here) / MAX_PAIRS)
         recording = Recording(
             run.times[here][::stride], positions[::stride], velocities[here][::stride]
         )
-        trajectory = Trajectory(names, plan.times, plan.positions)
+        trajectory = Trajectory(run.joint_names, plan.times, plan.positions)
         measured = measure(trajectory, recording, metric)
         stops, commanded = measured.stops, measured.commanded_stops
         if np.any(metric != 1.0):
             measured = measure(trajectory, recording)
         waypoint = measured.waypoint_deviation
-    return Motion(
-        sent=plan.sent,
-        points=len(plan.times),
-        planned=float(plan.times[-1]),
+    return replace(
+        bare,
         began=began,
         dead_time=began - plan.sent,
         moved=float(run.times[moving[-1]]) - began,
@@ -296,27 +256,22 @@ def _motion(
 def _standstills(
     run: Run, velocities: Array, start: float, end: float
 ) -> list[tuple[float, float]]:
-    """Return start and duration, s, of each standstill of the arm between two times."""
+    """Return the standstills of the arm between two times: start and duration of each, s."""
     here = np.flatnonzero((run.times >= start) & (run.times <= end))
     speed = np.abs(velocities[here]).max(axis=1)
-    at_rest = speed < STOP_SHARE * speed.max()
+    at_rest = speed < STOP_FRACTION * speed.max()
     moving = np.flatnonzero(~at_rest)
     if moving.size < 2:
         return []
     inside = at_rest[moving[0] : moving[-1]].astype(np.int8)
     edges = np.diff(inside, prepend=0, append=0)
     times = run.times[here][moving[0] :]
-    result = [
-        (float(times[first]), float(times[last] - times[first]))
-        for first, last in zip(
-            np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True
-        )
-    ]
-    return [(time, duration) for time, duration in result if duration >= MIN_STOP_S]
+    starts, ends = times[np.flatnonzero(edges == 1)], times[np.flatnonzero(edges == -1)]
+    long = ends - starts >= MIN_STOP_S
+    return list(zip(starts[long].tolist(), (ends - starts)[long].tolist(), strict=True))
 
 
 def as_json(run: Run, numbers: Figures, events: Sequence[Event], model: RobotModel) -> Any:
-    """Return the figures as data for json.dumps. Keys with times end in their unit."""
     limits = model.limits
     return {
         'format': FORMAT,
@@ -334,13 +289,8 @@ def as_json(run: Run, numbers: Figures, events: Sequence[Event], model: RobotMod
             for name, sender, timing in numbers.traffic
         ],
         'replies': [
-            {
-                'name': name,
-                'count': timing.count,
-                'median_s': timing.median,
-                'p99_s': timing.p99,
-                'longest_s': timing.longest,
-            }
+            {'name': name, 'count': timing.count, 'median_s': timing.median}
+            | {'p99_s': timing.p99, 'longest_s': timing.longest}
             for name, timing in numbers.replies
         ],
         'motions': [_motion_json(motion) for motion in numbers.motions],
@@ -348,13 +298,8 @@ def as_json(run: Run, numbers: Figures, events: Sequence[Event], model: RobotMod
             {'time_s': time, 'duration_s': duration} for time, duration in numbers.stops
         ],
         'events': [
-            {
-                'time_s': event.time,
-                'level': event.level,
-                'text': event.text,
-                'remedy': event.remedy,
-            }
-            for event in events
+            {'time_s': e.time, 'level': e.level, 'text': e.text, 'remedy': e.remedy}
+            for e in events
         ],
         'notes': list(run.notes),
     }

@@ -9,13 +9,11 @@ import numpy as np
 from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.closest_samples import closest_sample_indices
 
-STOPPED_SHARE, MOVING_SHARE = 0.06, 0.15
+STOPPED_FRACTION, MOVING_FRACTION = 0.06, 0.15
 """Fractions of the typical speed below which the arm has stopped, and above which it moves again.
 The hysteresis suppresses the noise of arrival times."""
 
-NEIGHBOURS = 2
-"""Number of joint states on either side from which a speed is computed."""
-
+NEIGHBOURS = 2  # number of joint states on either side from which a speed is computed
 MAX_DEVIATION_RAD = 0.02
 """Maximum distance of the path from a waypoint in a correct motion, rad. The path between two
 joint states is assumed to be straight, which causes an error of 1 mrad if they are 14 ms apart."""
@@ -23,7 +21,10 @@ joint states is assumed to be straight, which causes an error of 1 mrad if they 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Joint states in order of arrival: times, s, shape (k,), and other arrays, shape (k, n)."""
+    """Joint states in the order of their arrival.
+
+    `times`, s, has the shape (k,), and the other arrays have the shape (k, n).
+    """
 
     times: Array
     positions: Array
@@ -32,12 +33,10 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """The figures of one motion. Times in s, deviations in rad, speed in rad/s, rate in Hz.
+    """Measured values of one motion. Times in s, deviations in rad, speed in rad/s, rate in Hz.
 
-    * planned, moved: durations of plan and motion.
-    * stops: number of stops that are not in the plan.
-    * commanded_stops: number of stops in the plan.
-    * waypoint_times: when the arm passed the waypoints, shape (n,).
+    `stops` counts stops that are not in the plan, and `commanded_stops` counts stops that are.
+    `waypoint_times` has the shape (n,).
     """
 
     planned: float
@@ -54,20 +53,16 @@ class Figures:
 
 
 def measure(trajectory: Trajectory, run: Recording, metric: Array | None = None) -> Figures:
-    """Return the figures of the motion along a trajectory, with its joints in the same order.
+    """Return the measured values of a motion. The trajectory has the joints in the same order.
 
     `metric`: JointLimits.rad_per_unit, shape (n,), needed if some joints are prismatic.
     """
     if metric is not None:
-        trajectory = Trajectory(
-            trajectory.joint_names,
-            trajectory.times,
-            trajectory.positions * metric,
-            None if trajectory.velocities is None else trajectory.velocities * metric,
-        )
+        names, times = trajectory.joint_names, trajectory.times
+        trajectory = Trajectory(names, times, trajectory.positions * metric)
         run = Recording(run.times, run.positions * metric, run.velocities * metric)
     speeds = _speeds(run)
-    moving = np.flatnonzero(speeds > STOPPED_SHARE)
+    moving = np.flatnonzero(speeds > STOPPED_FRACTION)
     first, last = (int(moving[0]), int(moving[-1])) if moving.size else (0, 0)
     distances, times = _waypoints(trajectory, run)
     gaps = np.diff(run.times)
@@ -90,8 +85,8 @@ def measure(trajectory: Trajectory, run: Recording, metric: Array | None = None)
 def _speeds(run: Recording) -> Array:
     """Return the speed of the fastest joint at each state, relative to the median, shape (k,).
 
-    A speed is computed over two states on either side, so that a single late one is no stop. The
-    median is the reference, because states that arrive in a burst appear too fast.
+    A speed is computed over two states on either side, so that a single late state does not count
+    as a stop. The median is the reference, because states that arrive in a burst appear too fast.
     """
     steps = np.abs(run.positions[2 * NEIGHBOURS :] - run.positions[: -2 * NEIGHBOURS]).max(axis=1)
     between = np.maximum(run.times[2 * NEIGHBOURS :] - run.times[: -2 * NEIGHBOURS], 1e-3)
@@ -101,15 +96,13 @@ def _speeds(run: Recording) -> Array:
 
 
 def _stops(speeds: Array) -> int:
-    """Return how often the arm stopped and moved again."""
-    moving = speeds >= MOVING_SHARE
-    decided = moving | (speeds <= STOPPED_SHARE)
+    moving = speeds >= MOVING_FRACTION
+    decided = moving | (speeds <= STOPPED_FRACTION)
     starts = np.flatnonzero(np.diff(moving[decided].astype(int)) == 1)
     return max(len(starts) - 1, 0)
 
 
 def _commanded_stops(trajectory: Trajectory) -> int:
-    """Return how often the plan stops before its end."""
     if len(trajectory.times) < 3:
         return 0
     steps = np.diff(trajectory.positions, axis=0) / np.diff(trajectory.times)[:, None]
@@ -119,7 +112,10 @@ def _commanded_stops(trajectory: Trajectory) -> int:
 
 
 def _waypoints(trajectory: Trajectory, run: Recording) -> tuple[Array, Array]:
-    """Return distance of the path from each waypoint, rad, and time of passing it, shape (n,)."""
+    """Return the distance of the path from each waypoint, rad, and the time of passing it, s.
+
+    Both have the shape (n,).
+    """
     samples = closest_sample_indices(trajectory.positions, run.positions)
     distances = np.abs(run.positions[samples] - trajectory.positions).max(axis=1)
     fraction = np.linspace(0.0, 1.0, 41)[:, None]

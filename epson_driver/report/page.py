@@ -18,37 +18,30 @@ from epson_driver.motion import Array
 from epson_driver.pages import asset, packed_arm, text
 from epson_driver.report.figures import Figures, as_json
 from epson_driver.report.run import FLAGS, Condition, Run
+from epson_driver.report.smooth_study import COLOURS
 from epson_driver.robots import RobotModel
 
 MAX_SAMPLES = 15_000
-"""Maximum number of joint states in a page, for all runs together: 82 s at 182 Hz. Longer runs are
-subsampled."""
+"""Maximum number of joint states in a page, for all runs together.
 
-MAX_EVENTS = 2000
-"""Maximum number of events in a page. The JSON file has all of them."""
+If there are more, only some of them are used.
+"""
 
-MAX_PLAN_POINTS = 4000
-"""Maximum number of points drawn of each plan."""
-
-COLOURS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9', '#000000', '#8a8000')
-"""Colours of the joints."""
+MAX_EVENTS = 2000  # maximum number of events in a page: the JSON file has all of them
+MAX_PLAN_POINTS = 4000  # maximum number of points drawn of each plan
 
 
 def write_report(runs: Sequence[tuple[Run, Figures]], model: RobotModel, output: Path) -> None:
-    """Write the page, and the figures as JSON next to it, and print both paths.
-
-    Raises OSError if a file cannot be written.
-    """
+    """Write the page, and the measured values as a JSON file next to it. Print both paths."""
     write_file(output, page(runs, model))
     figures = output.with_suffix('.json')
     content = [as_json(run, numbers, run.events, model) for run, numbers in runs]
     result = json.dumps(content[0] if len(content) == 1 else content, indent=1, allow_nan=False)
     write_file(figures, result + '\n')
-    print(f'report: {output}\nfigures: {figures}')
+    print(f'report: {output}\nmeasured values: {figures}')
 
 
 def page(runs: Sequence[tuple[Run, Figures]], model: RobotModel) -> str:
-    """Return the page of one run, or of two runs side by side, of one robot model."""
     data = {
         'arm': packed_arm(model),
         'model': model.name,
@@ -126,7 +119,7 @@ def _every(times: Array) -> int:
 
 
 def _scaled(values: Array) -> dict[str, Any]:
-    """Return an array as 16-bit integers, with a scale for each column."""
+    """Return an array as 16-bit integers, with one scale for each column."""
     largest = np.abs(values).max(axis=0, initial=1e-9)
     return {
         'scale': (largest / 32767.0).tolist(),
@@ -137,26 +130,18 @@ def _scaled(values: Array) -> dict[str, Any]:
 def _changes(conditions: Sequence[Condition]) -> list[list[Any]]:
     """Return time, flags, mode and errors of each condition that differs from the previous one."""
     result: list[list[Any]] = []
-    before: object = None
     for condition in conditions:
-        now = (condition.flags, condition.mode, condition.error_codes)
-        if now != before:
-            result.append(
-                [
-                    condition.time,
-                    list(condition.flags),
-                    condition.mode,
-                    list(condition.error_codes),
-                ]
-            )
-        before = now
+        now = [list(condition.flags), condition.mode, list(condition.error_codes)]
+        if not result or now != result[-1][1:]:
+            result.append([condition.time, *now])
     return result
 
 
 def _gaps(times: Array) -> list[list[float]]:
     """Return the time of each joint state, s, and the interval since the previous one, ms.
 
-    A long run is divided into MAX_SAMPLES / 5 sections, with the longest interval of each.
+    A long run is divided into MAX_SAMPLES / 5 sections. Of each section, only the longest interval
+    is returned.
     """
     if len(times) < 2:
         return []

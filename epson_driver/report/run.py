@@ -14,13 +14,9 @@ from epson_driver.error_texts import ErrorTexts
 from epson_driver.motion import Array
 from epson_driver.simple_message import Mode
 
-UNKNOWN, NO, YES = -1, 0, 1
-"""Values of industrial_msgs/TriState."""
-
+UNKNOWN, NO, YES = -1, 0, 1  # values of industrial_msgs/TriState
 NANOSECONDS = 1_000_000_000
-
 FLAGS = ('drives_powered', 'e_stopped', 'in_error', 'in_motion', 'motion_possible')
-"""Fields of industrial_msgs/RobotStatus."""
 
 
 class RunError(ValueError):
@@ -31,27 +27,23 @@ class RunError(ValueError):
 class Condition:
     """A status of the controller: a STATUS message of its program, or a RobotStatus of ROS.
 
-    * flags: 1, 0 or -1 (unknown), in the order of FLAGS.
-    * mode: -1 (unknown), 1 (manual) or 2 (auto).
+    `flags`: in the order of FLAGS. `mode`: -1 (unknown), 1 (manual) or 2 (auto).
     """
 
     time: float
-    flags: tuple[int, int, int, int, int]
+    flags: tuple[int, ...]
     mode: int = UNKNOWN
     error_codes: tuple[int, ...] = ()
 
     def flag(self, name: str) -> int:
-        """Return the value of a flag in FLAGS."""
         return self.flags[FLAGS.index(name)]
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A trajectory that was sent to the controller.
+    """A trajectory that was sent at the time `sent`, s.
 
-    * sent: when its first point was sent, s.
-    * times: of the points, s since the first point, shape (n,).
-    * positions: shape (n, m), rad or m.
+    `times` are counted from the first point, shape (n,). `positions` have the shape (n, m).
     """
 
     sent: float
@@ -73,8 +65,7 @@ class Event:
 class Traffic:
     """All messages of one kind.
 
-    * name: kind of message in a trace, topic in a bag.
-    * sender: 'controller' or 'driver' in a trace, message type in a bag.
+    `sender`: in a trace, 'controller' or 'driver'. In a bag, the type of the messages.
     """
 
     name: str
@@ -84,7 +75,7 @@ class Traffic:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """A request that was sent at `time`, s, and whose reply came `latency` s later."""
+    """A request sent at `time`, s, whose reply arrived `latency` s later."""
 
     time: float
     latency: float
@@ -96,10 +87,10 @@ class Run:
     """The recorded messages of one robot.
 
     * began: start of the recording, ns since 1970.
-    * times: of the joint states, s, ascending, shape (k,).
+    * times: ascending times of the joint states, s, shape (k,).
     * positions: shape (k, m), rad or m.
     * velocities: measured by the controller, shape (k, m), or None.
-    * links: time, port, and True for a connection or False for a disconnection.
+    * links: time, port, and whether the port was connected (True) or disconnected (False).
     * notes: sentences on the limits of the recording.
     """
 
@@ -109,8 +100,7 @@ class Run:
     times: Array
     positions: Array
     velocities: Array | None = None
-    sent: Array | None = None
-    """Estimated sending times of the joint states, s, shape (k,)."""
+    sent: Array | None = None  # estimated sending times of the joint states, s, shape (k,)
     conditions: Sequence[Condition] = ()
     plans: Sequence[Plan] = ()
     events: Sequence[Event] = ()
@@ -118,11 +108,9 @@ class Run:
     replies: Sequence[Reply] = ()
     links: Sequence[tuple[float, str, bool]] = ()
     notes: Sequence[str] = field(default=())
-    ended: float = 0.0
-    """Time of the last message, s."""
+    ended: float = 0.0  # time of the last message, s
 
     def nanoseconds(self, time: float) -> int:
-        """Return a time of the run as ns since 1970."""
         return self.began + round(time * NANOSECONDS)
 
 
@@ -132,16 +120,14 @@ def array(values: Sequence[object], columns: int | None = None) -> Array:
     return result if columns is None else result.reshape(-1, columns)
 
 
-MIN_MESSAGES = 20
-"""Minimum number of messages for an estimate of their sending times."""
+MIN_MESSAGES = 20  # minimum number of messages for an estimate of their sending times
 
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
     """The arrival of a state message at `time`, s.
 
-    * joints: whether the message has valid joints.
-    * stamp: the controller's own time stamp, s, or None.
+    `stamp`: time in the message, by the controller's clock, s.
     """
 
     time: float
@@ -150,18 +136,16 @@ class Arrival:
 
 
 def sent_times(arrivals: Sequence[Arrival]) -> list[float]:
-    """Return the estimated sending times of one connection's messages with joints, s.
+    """Return the estimated sending times of messages with joints of one connection, s.
 
-    The times are ascending, on the receiver's clock, and never later than the arrival. With fewer
-    than MIN_MESSAGES messages they are the arrival times.
+    The times are ascending, on the receiver's clock, and never later than the arrival.
     """
     if len(arrivals) < MIN_MESSAGES:
         return [arrival.time for arrival in arrivals if arrival.joints]
     gaps = [b.time - a.time for a, b in itertools.pairwise(arrivals)]
     clock = SenderClock(max(statistics.fmean(sorted(gaps)[: -len(gaps) // 20 or None]), 1e-4))
     sent: list[float] = []
-    since: list[float] = []
-    """The clock's time of each message."""
+    since: list[float] = []  # the clock's time of each message
     last: float | None = None
     for item in arrivals:
         passed = None
@@ -195,12 +179,16 @@ CHANGES = {
 }
 """Level, text and remedy of the event for a flag's new value."""
 
+MODES: dict[int, tuple[str, str, str]] = {
+    Mode.MANUAL: ('warning', 'key switch: manual', 'turn it back for motion from ROS'),
+    Mode.AUTO: ('info', 'key switch: automatic', ''),
+}
+
 OTHERWISE = "look up the number in the controller's manual, reset, then ~/enable"
-"""Remedy for an error without a known one."""
 
 
 def condition_events(conditions: Sequence[Condition], texts: ErrorTexts) -> Iterator[Event]:
-    """Yield events for the errors in the first condition, and for each later change."""
+    """Yield an event for each error in the first condition, and for each later change."""
     before: Condition | None = None
     for now in conditions:
         for flag, value in CHANGES:
@@ -216,12 +204,6 @@ def condition_events(conditions: Sequence[Condition], texts: ErrorTexts) -> Iter
         new_error = before is None or before.flag('in_error') != YES
         if now.flag('in_error') == YES and new_error and not now.error_codes:
             yield Event(now.time, 'error', 'error without a number', OTHERWISE)
-        if before is not None and now.mode != before.mode and now.mode in (1, 2):
-            manual = now.mode == Mode.MANUAL
-            yield Event(
-                now.time,
-                'warning' if manual else 'info',
-                'key switch: manual' if manual else 'key switch: automatic',
-                'turn it back for motion from ROS' if manual else '',
-            )
+        if before is not None and now.mode != before.mode and now.mode in MODES:
+            yield Event(now.time, *MODES[now.mode])
         before = now

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Compares a smooth motion with other motions through the same points, in figures and a plot."""
+"""Compares a smooth motion with other motions through the same points, in numbers and a plot."""
 
 import io
 from dataclasses import dataclass
@@ -12,44 +12,31 @@ import numpy as np
 
 from epson_driver.inputs import write_file
 from epson_driver.motion import Array, JointLimits, Trajectory, go
-from epson_driver.motion.closest_samples import passed
 from epson_driver.motion.interpolation import Interpolation, central_differences
 from epson_driver.motion.smoother.waypoints import MIN_DWELL_S
 
-SAMPLE_RATE_HZ = 1000.0
-"""Sample rate of the point-to-point motion and of the spline, Hz."""
+SAMPLE_RATE_HZ = 1000.0  # sample rate of the point-to-point motion and of the spline, Hz
 
-COLOURS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9', '#000000', '#F0E442')
-"""Colours of the joints: Okabe and Ito's palette, distinguishable by colour-blind people."""
+COLOURS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9', '#000000', '#8A8000')
+"""Colours of the joints: Okabe and Ito's palette for colour-blind people, with a darker yellow."""
 
-MAX_AXIS_RATIOS = (1.35, 2.5, 4.0)
-"""Maximum upper ends of the velocity, acceleration and jerk axes, as multiples of the limit."""
-
-MAX_SHARED_TIME_RATIO = 3.0
-"""Maximum ratio of the longest to the shortest duration for a common time scale."""
-
-REST_VELOCITY_SHARE = 1e-3
-"""Fraction of its velocity limit below which a joint is at rest."""
-
-TURNING_ACCELERATION_SHARE = 0.05
-"""Fraction of its acceleration limit above which a joint at zero speed reverses, not stops."""
-
-RESTING_COMMAND_SHARE = 2e-3
-"""Fraction of the velocity limit up to which a commanded speed counts as rest."""
+MAX_AXIS_RATIOS = (1.35, 2.5, 4.0)  # ends of the velocity, acceleration, jerk axes / limit
+MAX_SHARED_TIME_RATIO = 3.0  # longest / shortest duration for a common time scale
+REST_VELOCITY_FRACTION = 1e-3  # fraction of its velocity limit below which a joint is at rest
+TURNING_ACCELERATION_FRACTION = 0.05  # of its limit, above which a joint at zero speed reverses
+RESTING_COMMAND_SHARE = 2e-3  # of the velocity limit, up to which a command is a rest
 
 
 @dataclass(frozen=True)
 class Figures:
     """Measurements of a motion.
 
-    `velocity`, `acceleration` and `jerk` are the maximum usage of a joint's limit, 1 for the full
-    limit. The jerk is that between two samples.
+    `velocity`, `acceleration` and `jerk` are the highest values of any joint, as fractions of its
+    limit. The jerk is computed from the difference between two samples.
     """
 
-    duration: float
-    """Time from the first to the last sample, s."""
-    stops: int
-    """Stops between start and end that were not commanded."""
+    duration: float  # time from the first to the last sample, s
+    stops: int  # stops between start and end that were not commanded
     commanded_stops: int
     velocity: float
     acceleration: float
@@ -59,8 +46,7 @@ class Figures:
 def measure(motion: Trajectory, command: Trajectory | None, limits: JointLimits) -> Figures:
     """Return the measurements of a motion with equally spaced samples.
 
-    `command`: the plan, which may command rests between start and end, or None if there is none.
-    Raises ValueError if the motion has no velocities or accelerations.
+    `command`: the plan, which may command rests between start and end, or None.
     """
     if motion.velocities is None or motion.accelerations is None:
         raise ValueError('the motion has no velocities or no accelerations')
@@ -80,12 +66,13 @@ def measure(motion: Trajectory, command: Trajectory | None, limits: JointLimits)
 
 
 def _stops(speed: Array, push: Array) -> int:
-    """Return the number of stops between start and end that last at least two samples.
+    """Return the number of stops between the start and the end of a motion.
 
-    `speed`, `push`: usage of the velocity and acceleration limits at each sample.
+    A stop lasts at least two samples. `speed` and `push` are the fractions of the velocity limit
+    and of the acceleration limit that the motion uses at each sample.
     """
-    at_rest = (speed < REST_VELOCITY_SHARE) & (push < TURNING_ACCELERATION_SHARE)
-    moving = np.flatnonzero(speed >= REST_VELOCITY_SHARE)
+    at_rest = (speed < REST_VELOCITY_FRACTION) & (push < TURNING_ACCELERATION_FRACTION)
+    moving = np.flatnonzero(speed >= REST_VELOCITY_FRACTION)
     if not moving.size:
         return 0
     inside = at_rest[moving[0] : moving[-1]].astype(np.int8)
@@ -94,7 +81,10 @@ def _stops(speed: Array, push: Array) -> int:
 
 
 def commanded_rests(command: Trajectory, limits: JointLimits) -> int:
-    """Return the number of rests of at least MIN_DWELL_S that a plan commands between its ends."""
+    """Return the number of rests that a plan commands between its start and its end.
+
+    A rest lasts at least MIN_DWELL_S.
+    """
     durations = np.diff(command.times)
     distances = np.max(np.abs(np.diff(command.positions, axis=0)) / limits.velocity, axis=1)
     resting = distances <= RESTING_COMMAND_SHARE * durations
@@ -115,24 +105,24 @@ def per_unit(limits: JointLimits, per: str = '') -> str:
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A sampled motion through the points of a plan, drawn as a column of the plot.
+    """A sampled motion through the points of a plan, drawn as one column of the plot.
 
-    * passed: times at which the motion passes the points, s, shape (n,).
-    * waypoint_error: largest distance of a joint from a point, rad or m.
+    `passed`: times at which it passes the points, s, shape (n,). `waypoint_error`: error of the
+    worst joint at the points, rad or m.
     """
 
     title: str
     motion: Trajectory
-    figures: Figures
     passed: Array
-    waypoint_error: float
+    figures: Figures
+    waypoint_error: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothingComparison:
-    """A plan, and motions through its points. The last column is the smooth motion.
+    """A plan, and several motions through its points.
 
-    `timed`: whether the plan has times.
+    The last of these motions is the smooth one.
     """
 
     plan: Trajectory
@@ -141,35 +131,8 @@ class SmoothingComparison:
     columns: list[Column]
 
 
-def column(
-    title: str,
-    motion: tuple[Trajectory, Array] | Trajectory,
-    limits: JointLimits,
-    plan: Trajectory | None = None,
-    command: Trajectory | None = None,
-) -> Column:
-    """Return the column of a motion, with its figures.
-
-    * motion: the samples, alone or with the times at which the motion passes the points, s, shape
-      (n,). Missing times are computed from `plan`.
-    * command: the plan, if the motion has to keep its times.
-
-    Raises ValueError if both the times and `plan` are missing.
-    """
-    if isinstance(motion, tuple):
-        sampled, times = motion
-        return Column(title, sampled, measure(sampled, command, limits), times, 0.0)
-    if plan is None:
-        raise ValueError('needs the plan, or the times at its points')
-    errors, times = passed(plan.positions, motion)
-    return Column(title, motion, measure(motion, command, limits), times, float(errors.max()))
-
-
 def point_to_point(plan: Trajectory, limits: JointLimits) -> tuple[Trajectory, Array]:
-    """Return the motion at full speed that rests at every point of a plan.
-
-    Also returns the times at which it reaches the points, s, shape (n,).
-    """
+    """Return the motion that rests at every point, and the times of these rests, s, shape (n,)."""
     moves = [go(limits, start, target) for start, target in pairwise(plan.positions)]
     reached = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
     times = np.arange(0.0, reached[-1] + 1.0 / SAMPLE_RATE_HZ, 1.0 / SAMPLE_RATE_HZ)
@@ -184,12 +147,12 @@ def point_to_point(plan: Trajectory, limits: JointLimits) -> tuple[Trajectory, A
 
 
 def spline(plan: Trajectory) -> tuple[Trajectory, Array]:
-    """Return the motion of ros2_control's joint_trajectory_controller for a plan.
+    """Return the motion of ros2_control's joint_trajectory_controller, and its times, s, (n,).
 
-    Also returns the times of the points, s, shape (n,), from the first one. The motion is a
-    polynomial in time for each segment: quintic if the plan has accelerations, else cubic. It
-    keeps the plan's times even if they exceed the limits. Missing velocities are central
-    differences. The first and the last acceleration are set to 0.
+    For each segment, the motion is a polynomial in time. It is quintic if the plan has
+    accelerations, otherwise cubic. The motion keeps the plan's times even if they exceed the
+    limits. Missing velocities are central differences. The first and the last acceleration are set
+    to 0.
     """
     t, q = plan.times - plan.times[0], plan.positions
     if len(t) == 1:
@@ -204,14 +167,8 @@ def spline(plan: Trajectory) -> tuple[Trajectory, Array]:
 
 
 def draw(path: Path, study: SmoothingComparison) -> None:
-    """Write the plot: position, velocity, acceleration and jerk, with a column per motion."""
-    import matplotlib as mpl
-
-    mpl.use('Agg')
-    from matplotlib import pyplot as plt
-
     count = len(study.columns)
-    figure, grid = plt.subplots(
+    figure, grid = pyplot().subplots(
         4,
         count,
         figsize=(3.7 * count + 0.3, 9.2),
@@ -243,25 +200,33 @@ def draw(path: Path, study: SmoothingComparison) -> None:
     save_picture(path, figure)
 
 
-def save_picture(path: Path, figure: Any) -> None:
-    """Write a figure in the format of the path's suffix, and close it.
+def pyplot() -> Any:
+    """Import matplotlib.pyplot for plots in files. Raises ImportError if it is missing."""
+    import matplotlib as mpl
 
-    Raises OSError if the file cannot be written.
-    """
+    mpl.use('Agg')
     from matplotlib import pyplot as plt
 
+    return plt
+
+
+def stops_during_motion(figures: Any) -> str:
+    """Return a text with the number of stops in the measurements of a motion."""
+    stops = figures.stops + figures.commanded_stops
+    return f'{stops or "no"} stop{"s" * (stops > 1)} during the motion'
+
+
+def save_picture(path: Path, figure: Any) -> None:
+    """Write a figure in the format of the path's suffix, and close it."""
     content = io.BytesIO()
     figure.savefig(content, dpi=100, format=path.suffix[1:])
-    plt.close(figure)
+    pyplot().close(figure)
     write_file(path, content.getvalue())
 
 
 def _shown(study: SmoothingComparison) -> list[float]:
-    """Return the upper ends of the velocity, acceleration and jerk axes, per limit."""
     figures = [item.figures for item in study.columns]
-    worst = np.max(
-        [(figure.velocity, figure.acceleration, figure.jerk) for figure in figures], axis=0
-    )
+    worst = np.max([(item.velocity, item.acceleration, item.jerk) for item in figures], axis=0)
     return [float(value) for value in np.clip(1.08 * worst, 1.25, MAX_AXIS_RATIOS)]
 
 
@@ -303,11 +268,8 @@ def _draw_column(axes: Any, drawn: Column, study: SmoothingComparison) -> None:
             weight='bold' if over else 'normal',
             bbox={'facecolor': 'white', 'alpha': 0.85, 'edgecolor': 'none', 'pad': 1.5},
         )
-    stops = figures.stops + figures.commanded_stops
-    message = 'no stop' if not stops else f'{stops} stop' + 's' * (stops > 1)
-    axes[0].set_title(
-        f'{drawn.title}\n{figures.duration:.2f} s, {message} during the motion', fontsize=11
-    )
+    message = f'{figures.duration:.2f} s, {stops_during_motion(figures)}'
+    axes[0].set_title(f'{drawn.title}\n{message}', fontsize=11)
     for part in axes:
         part.grid(alpha=0.25)
         part.tick_params(labelsize=9)

@@ -5,6 +5,7 @@
 import math
 from collections import defaultdict
 from dataclasses import replace
+from enum import IntEnum
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,14 @@ import numpy as np
 from epson_driver.driver.state.plausibility import DEFAULT_MARGINS, JointBounds
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.inputs import printable
-from epson_driver.link.replies import PendingReplies, PendingRequest, command_of, sequence_of
+from epson_driver.link.replies import PendingReplies, PendingRequest
 from epson_driver.motion import JointLimits
 from epson_driver.report.run import (
+    FLAGS,
     NANOSECONDS,
+    NO,
+    UNKNOWN,
+    YES,
     Arrival,
     Condition,
     Event,
@@ -53,8 +58,7 @@ from epson_driver.trace.messages import Entry, Kind, MessagesError, messages_of
 from epson_driver.trace.pcap import PcapError
 from epson_driver.trace.recording import DamagedError, read_recording
 
-SILENCE_S = 0.3
-"""Maximum interval between joint states on a connected state port, s. Longer ones are events."""
+SILENCE_S = 0.3  # maximum interval between joint states on a connected port, s
 
 LINK_LOST = (
     'check cable, network and controller. The driver reconnects automatically, then ~/enable'
@@ -62,6 +66,10 @@ LINK_LOST = (
 NO_FRAME = 'check the port for other users, and the network for devices that alter data'
 IMPLAUSIBLE = (
     'check robot model and units (--robot), the encoder, and the network for altered data'
+)
+WIRE_NOTE = (
+    'from the wire: names and order of the joints are taken from the robot model, '
+    'without the traffic of the remote port'
 )
 NO_REPLY = 'check the program on the controller: it may be stuck or have ended'
 
@@ -71,7 +79,6 @@ COMMANDS = {
     Command.STOP_SERVOS: ('info', 'motors off requested'),
     Command.RESET_ALARM: ('info', 'reset requested'),
 }
-"""Levels and texts of the events for commands."""
 
 
 def read_trace(
@@ -79,11 +86,8 @@ def read_trace(
 ) -> Run:
     """Return the run in a pcap file. If the file is damaged, the run ends there.
 
-    * limits: names and limits of the robot's joints. Joint states that the arm cannot reach within
-      the limits are omitted, with an event.
-    * texts: the controller's error texts.
-    * controller: address of the controller, needed if the file has several.
-
+    Joint states that the arm cannot reach within `limits` are omitted, with an event.
+    `controller`: the controller's address. It is needed if the file contains several controllers.
     Raises RunError if the file contains no run, InputError if it is unreadable.
     """
     damage: list[str] = []
@@ -106,8 +110,6 @@ def read_trace(
 
 
 class _Reader:
-    """Collects a run from the entries of a trace."""
-
     def __init__(self, limits: JointLimits, role_of: dict[int, str]) -> None:
         self._joints = joints = len(limits.names)
         self._bounds = JointBounds(joints, limits, DEFAULT_MARGINS)
@@ -179,20 +181,15 @@ class _Reader:
         elif isinstance(message, Status):
             arrivals.append(Arrival(time, joints=False))
             codes = (message.error_code,) if message.error_code else ()
-            flags = (
-                _tri(message.drives_powered),
-                _tri(message.e_stopped),
-                _tri(message.in_error),
-                _tri(message.in_motion),
-                _tri(message.motion_possible),
-            )
+            values = [getattr(message, name) for name in FLAGS]
+            flags = tuple(value if value in (NO, YES) else UNKNOWN for value in values)
             mode = message.mode if message.mode in (1, 2) else -1
             self._conditions.append(Condition(time, flags, mode, codes))
 
     def _state(
         self, time: float, positions: tuple[float, ...], velocities: tuple[float, ...]
     ) -> bool:
-        """Store a joint state if it is plausible, and return whether it is."""
+        """Store a joint state if it is plausible. Return whether it is plausible."""
         since = self._silent_since
         if since is not None and time - since > SILENCE_S:
             text = f'no joint state for {time - since:.2f} s'
@@ -217,7 +214,10 @@ class _Reader:
     def _why_not(
         self, time: float, positions: tuple[float, ...], velocities: tuple[float, ...]
     ) -> str | None:
-        """Return why a joint state is implausible, or None. Signs of joints are unknown here."""
+        """Return why a joint state is implausible, or None.
+
+        The signs of the joints are unknown here.
+        """
         here = positions[: self._joints]
         if not all(math.isfinite(value) for value in (*here, *velocities[: self._joints])):
             return 'values are not finite'
@@ -228,14 +228,8 @@ class _Reader:
 
     def _take_request(self, entry: Entry, packet: Packet) -> None:
         message = packet.message
-        pending = PendingRequest(
-            packet.msg_type,
-            sequence_of(message),
-            entry.time,
-            lambda _packet, _time: None,
-            command_of(message),
-        )
         if packet.comm_type is CommType.SERVICE_REQUEST:
+            pending = PendingRequest(message, entry.time, lambda _packet, _time: None)
             self._pending[entry.connection].add(pending)
         if isinstance(message, JointTrajPt | JointTrajPtFull | JointTraj):
             points = message.points if isinstance(message, JointTraj) else (message,)
@@ -252,9 +246,8 @@ class _Reader:
         request = self._pending[entry.connection].take(packet)
         if request is None and packet.msg_type == MessageType.PING:
             text = 'the controller stopped the arm: it received nothing from the driver'
-            self._event(
-                entry, 'error', text, 'find the cause of the delay in the driver or the network'
-            )
+            remedy = 'find the cause of the delay in the driver or the network'
+            self._event(entry, 'error', text, remedy)
             return
         if request is None:
             self._event(entry, 'warning', f'a reply without a request ({_name(packet.msg_type)})')
@@ -262,35 +255,29 @@ class _Reader:
         name = _name(request.msg_type)
         if request.sequence == SpecialSequence.STOP_TRAJECTORY:
             name = 'STOP'
-        elif request.command is not None:
-            name = _command(request.command)
+        elif isinstance(request.message, MotionCtrl):
+            name = _name(request.message.command, Command, 'command')
         self._replies.append(Reply(request.sent, entry.time - request.sent, name))
         reply = packet.message
         refused = packet.reply_code == ReplyCode.FAILURE
         if isinstance(reply, MotionReply):
             refused = reply.result not in (Result.SUCCESS, Result.BUSY)
         if refused:
-            which = (
-                '' if request.sequence is None or request.sequence < 0 else f' {request.sequence}'
-            )
-            text = f'the controller refused {name}{which}'
+            numbered = request.sequence is not None and request.sequence >= 0
+            text = f'the controller refused {name}' + (f' {request.sequence}' * numbered)
             self._event(entry, 'error', text, 'see the next error of the controller')
 
     def _event(self, entry: Entry, level: str, text: str, remedy: str = '') -> None:
         self._events.append(Event(entry.time, level, text, remedy))
 
     def run(self, source: str, began: int, joint_names: tuple[str, ...], texts: ErrorTexts) -> Run:
-        """Return the collected run, after the last entry."""
         sent = [time for arrival in self._arrivals.values() for time in sent_times(arrival)]
         measured = all(len(row) == self._joints for row in self._velocities)
         for pending in self._pending.values():
             if len(pending):
                 text = f'{len(pending)} requests without a reply'
                 self._events.append(Event(self._end, 'warning', text, NO_REPLY))
-        notes = [
-            'from the wire: names and order of the joints are taken from the robot model, '
-            'without the traffic of the remote port'
-        ]
+        notes = [WIRE_NOTE]
         if not measured:
             notes.append('the controller sends no velocities, so they are computed')
         events = [*self._events, *condition_events(self._conditions, texts)]
@@ -317,8 +304,6 @@ class _Reader:
 
 
 class _Plans:
-    """Assembles plans from the points that the driver sent."""
-
     def __init__(self, joints: int) -> None:
         self._joints = joints
         self._done: list[Plan] = []
@@ -354,7 +339,10 @@ class _Plans:
         return first
 
     def _same(self, point: JointTrajPt | JointTrajPtFull) -> bool:
-        """Return whether a point is the first one, sent again because the controller was busy."""
+        """Return whether a point is the first point again.
+
+        The driver repeats this point if the controller was busy.
+        """
         positions = point.positions if isinstance(point, JointTrajPtFull) else point.joints
         return isinstance(point, JointTrajPtFull) and positions[: self._joints] == self._points[0]
 
@@ -368,24 +356,12 @@ class _Plans:
         self._times, self._points, self._last = [], [], -1
 
     def finished(self) -> list[Plan]:
-        """End the current plan, and return all plans."""
         self.end()
         return self._done
 
 
-def _name(msg_type: int) -> str:
+def _name(number: int, kind: type[IntEnum] = MessageType, otherwise: str = 'message type') -> str:
     try:
-        return MessageType(msg_type).name
+        return kind(number).name
     except ValueError:
-        return f'message type {msg_type}'
-
-
-def _command(command: int) -> str:
-    try:
-        return Command(command).name
-    except ValueError:
-        return f'command {command}'
-
-
-def _tri(value: int) -> int:
-    return value if value in (0, 1) else -1
+        return f'{otherwise} {number}'

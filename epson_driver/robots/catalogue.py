@@ -20,7 +20,7 @@ MAX_NAMES = 6
 """Maximum number of similar names in the error for an unknown name."""
 
 ALIKE = 0.4
-"""Minimum similarity of these names, 0 … 1, as defined by difflib."""
+"""Minimum similarity of such a name to the unknown name, 0 … 1, as defined by difflib."""
 
 
 SOLD_AS = {
@@ -36,16 +36,11 @@ SOLD_AS = {
     't6': ['t6_602s'],
     'vt6l': ['vt6_a901s'],
 }
-"""Name under which an arm is sold, without generation and mounting → its models."""
+"""Name under which an arm is sold → its models. The name omits the generation and the mounting."""
 
 
 class Layer(NamedTuple):
-    """Values for a model, from a file or from one entry of the file.
-
-    * path: the file.
-    * where: the keys that lead to the entry, or () for the whole file.
-    * values: key → value.
-    """
+    """Values for a model from one file, or from the entry of a file at the keys `where`."""
 
     path: Path
     where: tuple[str, ...]
@@ -53,17 +48,15 @@ class Layer(NamedTuple):
 
 
 def robot_models() -> tuple[str, ...]:
-    """Return the names of all models in config/robots/, sorted."""
     return tuple(_models())
 
 
 def model_name(name: str) -> str:
     """Return the name of a model in config/robots/, or the path of a .yaml file unchanged.
 
-    Also accepted are EPSON's spelling C4-A601S, with or without the hyphen and the last S, the
-    first letters of a name if only one model has them, and the name under which an arm is sold.
-    Raises InputError if no model matches. The error suggests similar names, or lists the missing
-    data of an EPSON arm without a model.
+    EPSON's spelling C4-A601S is also accepted, even without the hyphen or the last S. So are the
+    unambiguous start of a name, and the name under which an arm is sold. For any other name raises
+    InputError, with similar names or with the data that this package lacks for an EPSON arm.
     """
     if name.endswith('.yaml'):
         return name
@@ -110,7 +103,10 @@ def layers(name: str) -> list[Layer]:
 
 @cache
 def _models() -> dict[str, tuple[Layer, Layer]]:
-    """Return each model's name → the layers of its series and of the model, sorted by name."""
+    """Return the layers of each model by name: the layer of its series, and its own.
+
+    The names are sorted.
+    """
     result: dict[str, tuple[Layer, Layer]] = {}
     for path in share_path('config', 'robots').glob('*.yaml'):
         series = dict(_mapping(path, 'the file', read_yaml(path)))
@@ -142,7 +138,7 @@ def _near(models: list[str]) -> str:
 
 
 def _unknown(plain: str) -> str:
-    """Return a clause about the unpublished data of an EPSON arm without a model, or ''."""
+    """Return a clause about an EPSON arm without a model, whose data is unpublished, or ''."""
     unknown = read_yaml(share_path('config', 'unknown_robots.yaml'))
     series = [name for name in unknown if plain.startswith(_plain(name))]
     if not series:

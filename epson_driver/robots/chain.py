@@ -15,19 +15,17 @@ from epson_driver.motion import Array
 REVOLUTE, PRISMATIC = JOINT_TYPES = ('revolute', 'prismatic')
 
 UNITS = {REVOLUTE: 'rad', PRISMATIC: 'm'}
-"""Joint type → SI unit of the joint's position."""
 
 SHOWN_UNITS = {'rad': ('degrees', 180.0 / np.pi), 'm': ('mm', 1000.0)}
-"""SI unit → unit in which EPSON shows a position, and the factor from the SI unit to it."""
+"""SI unit → EPSON's unit, and the factor for the conversion to it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Positions and axes of the n joints.
+    """The n joints of an arm: their origins in their parents' frames, m, and their axes.
 
-    * origins: origin of each joint in its parent's frame, shape (n, 3), m.
-    * axes: unit vectors, shape (n, 3). When its position grows, a joint turns about its axis, or
-      moves along it if prismatic.
+    Both have the shape (n, 3). The axes are unit vectors. When its position increases, a revolute
+    joint turns about its axis, and a prismatic joint moves along it.
     """
 
     origins: Array
@@ -36,14 +34,16 @@ class Chain:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame in its parent: xyz, shape (3,), m, and rpy, shape (3,), rad, about fixed axes."""
+    """A frame, given in its parent frame.
+
+    `xyz` has the shape (3,), m, and `rpy`, shape (3,), rad, contains rotations about fixed axes.
+    """
 
     xyz: Array
     rpy: Array
 
     @property
     def matrix(self) -> Array:
-        """The frame as a homogeneous matrix, shape (4, 4)."""
         matrix = np.eye(4)
         x, y, z = np.eye(3)
         roll, pitch, yaw = self.rpy
@@ -66,14 +66,14 @@ def rotation_about(axis: Array, angle: float) -> Array:
 def reach(chain: Chain, types: tuple[str, ...], strokes: Array, tool: Array) -> Array:
     """Return the maximum distance that the tool moves per unit of each joint, shape (n,).
 
-    It is the largest distance of Tool 0 from the joint's axis for a revolute joint, m, and 1 for a
-    prismatic one (m per m). `strokes`, shape (n,), m: the maximum distance of a prismatic joint
-    from zero. `tool`, shape (3,), m: Tool 0 in the last link's frame. The result is an upper bound
-    for all poses, whatever the ranges of revolute joints.
+    It is an upper bound for all poses, regardless of the ranges of revolute joints. `strokes`:
+    maximum distance of prismatic joints from zero, m. `tool`: position of Tool 0 in the last
+    link's frame, m.
 
     The computation starts at the tool. A revolute joint turns the part of its offset that is
-    perpendicular to its axis, which is an arm of fixed length. The part along the axis is passed
-    on to the previous joint. The reach of a joint is the sum of the arms from it to the tool.
+    perpendicular to its axis. This part is a lever of fixed length. The part along the axis is
+    passed to the previous joint. The reach of a joint is the sum of the levers between this joint
+    and the tool.
     """
     count = len(types)
     arms = np.zeros(count)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Forward and inverse kinematics of Tool 0, or of a tool on it.
+"""Forward and inverse kinematics of Tool 0, or of a tool that is mounted on it.
 
 Poses are homogeneous matrices, shape (4, 4), m. Forward kinematics follow the chain and support
 every model. Inverse kinematics are closed-form and support SCARAs and six-axis arms with a
@@ -23,33 +23,36 @@ from epson_driver.robots.scara import ScaraSolver
 FULL_TURN = 2.0 * np.pi
 
 LIMIT_TOLERANCE_RAD = 1e-9
-"""Distance of a joint outside its range (rad, m) that counts as at the limit, due to rounding."""
+"""Rounding tolerance at the ends of a joint's range, rad or m."""
 
 SAME_SOLUTION_RAD = 1e-5
-"""Solutions closer than this in all joints are merged. A stretched arm has such pairs."""
+"""Solutions whose joints differ by less than this are merged. A stretched arm has such pairs."""
 
 GIMBAL_LOCK_RAD = 1e-6
-"""If EPSON's angle V is closer than this to ±π/2, it is treated as ±π/2."""
+"""If EPSON's angle V is closer than this to ±π/2, it counts as ±π/2."""
 
 
 class Solver(Protocol):
-    """A closed form for one kind of chain. Poses are poses of tool0 in base_link."""
+    """A closed-form solution for one kind of chain. Its poses are poses of tool0 in base_link."""
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
-        """Return all solutions, also beyond the limits. In a singularity, `near` selects one."""
+        """Return all solutions, including solutions beyond the limits.
+
+        In a singularity, `near` selects one of the possible solutions.
+        """
 
     def why_unreachable(self, pose: Array, /) -> str:
         """Return why the orientation of a pose is unreachable, or ''."""
 
     def sides(self, joints: Array, /) -> tuple[float, ...]:
-        """Return a number for each choice of configuration. See `Kinematics.sides`."""
+        """Return a number for each choice of configuration (see `Kinematics.sides`)."""
 
 
 class Kinematics:
     """Forward and inverse kinematics of one model, from its data. Joints have shape (n,), rad, m.
 
-    tool: the pose in tool0 of the frame that forward and inverse kinematics refer to, shape
-    (4, 4), m. None: tool0 itself.
+    `tool` is the frame to which forward and inverse kinematics refer. It is given by its pose in
+    tool0, shape (4, 4), m (None: tool0 itself).
 
     >>> arm = Kinematics(load_robot_model('c3_a601s'))
     >>> pose = arm.forward(np.radians([0, 0, 0, 0, -90, 0]))
@@ -64,7 +67,6 @@ class Kinematics:
         self._world = model.base.matrix
 
     def link_frames(self, joints: Array) -> Array:
-        """Return the frames of link_1 … link_n in base_link, shape (n, 4, 4)."""
         chain, types = self.model.chain, self.model.joint_types
         frames = np.empty((len(types), 4, 4))
         frame = np.eye(4)
@@ -102,11 +104,11 @@ class Kinematics:
     def inverse(self, pose: Array, near: Array | None = None) -> Array:
         """Return all joint positions within the limits that bring the tool to a pose in base_link.
 
-        The k results, shape (k, n), are sorted by the distance from `near` (default: all joints
-        0). k is 0 if the pose is out of reach. A joint that can turn more than once is returned
-        with every turn. In a wrist singularity (joint 5 of a six-axis arm is straight) joint 4 is
-        as in `near`, one solution of infinitely many. If a six-axis arm's wrist, or a SCARA's
-        folded arm, is on joint 1's axis, joint 1 is as in `near`.
+        The k results, shape (k, n), are sorted by their distance from `near` (default: all joints
+        0). If a joint can turn more than once, each full turn is a separate result. k is 0 if the
+        pose is out of reach. In a wrist singularity, joint 4 has the value in `near`. If a
+        six-axis arm's wrist, or a SCARA's folded arm, is on joint 1's axis, joint 1 has the value
+        in `near`.
 
         Raises KinematicsError for a chain without a closed form, and ValueError if the matrix is
         no pose.
@@ -122,30 +124,30 @@ class Kinematics:
         return np.array(result).reshape(-1, len(near))
 
     def why_unreachable(self, pose: Array) -> str:
-        """Return why an orientation is unreachable, or ''. Raises the errors of `inverse`."""
+        """Return why an orientation is unreachable, or ''. Raises the same errors as `inverse`."""
         return self._solver.why_unreachable(self._of_tool0(_checked_pose(pose)))
 
     def sides(self, joints: Array) -> tuple[float, ...]:
-        """Return a number for each choice of configuration, such as elbow up or down.
+        """Return a number for each choice of configuration. Its sign is the choice.
 
-        The sign of a number is the choice. The number is 0 where both choices meet.
-
-        SCARA: joint 2, rad. Six-axis arm: distance of the wrist in front of joint 1's axis, m, and
-        bends of the elbow (upwards) and wrist, rad. Raises KinematicsError if the arm has no
-        closed-form inverse kinematics.
+        A SCARA has one number, the position of joint 2, rad. A six-axis arm has three: the
+        distance of the wrist in front of joint 1's axis, m, the upward bend of the elbow, rad, and
+        the bend of the wrist, rad. Raises KinematicsError if the arm has no closed-form inverse
+        kinematics.
         """
         return self._solver.sides(self._checked(joints))
 
     def in_base(self, pose: Array) -> Array:
-        """Convert a pose from base_link to `base`, EPSON's world."""
         return np.asarray(np.linalg.inv(self._world) @ pose)
 
     def from_base(self, pose: Array) -> Array:
-        """Convert a pose from `base`, EPSON's world, to base_link."""
         return np.asarray(self._world @ pose)
 
     def epson_point(self, joints: Array) -> tuple[Array, Array]:
-        """Return the tool as the teach pendant shows it: X, Y, Z, m, and U, V, W, rad."""
+        """Return the tool's position and orientation as the teach pendant shows them.
+
+        The position is X, Y, Z, m, and the orientation is U, V, W, rad.
+        """
         pose = self.in_base(self.forward(joints))
         return pose[:3, 3], uvw(pose[:3, :3])
 
@@ -156,11 +158,13 @@ class Kinematics:
         return OpwSolver(self.model)
 
     def _of_tool0(self, pose: Array) -> Array:
-        """Convert a pose of the tool to a pose of tool0."""
         return np.asarray(pose @ self._from_tool)
 
     def _turns(self, branch: Array) -> list[Array]:
-        """Return a solution's variants by full turns of its joints, as far as the ranges allow."""
+        """Return all variants of a solution.
+
+        They differ by full turns of joints that can turn more than once within their ranges.
+        """
         limits = self.model.limits
         choices = []
         kinds = self.model.joint_types
@@ -185,10 +189,10 @@ class Kinematics:
 
 
 def uvw(rotation: Array) -> Array:
-    """Return EPSON's U, V, W, rad, of a rotation matrix: about Z, then the new Y, then the new X.
+    """Return EPSON's angles U, V, W of a rotation matrix, rad.
 
-    U and W are in [-π, π], V in [-π/2, π/2]. If V is ±π/2, only the sum or the difference of U
-    and W is defined, and U is 0.
+    U is about Z, V about the new Y, and W about the new X. U and W are in [-π, π], V in [-π/2,
+    π/2]. If V is ±π/2, U is 0.
     """
     r = np.asarray(rotation, dtype=float)
     across = float(np.hypot(r[0, 0], r[1, 0]))
@@ -199,7 +203,6 @@ def uvw(rotation: Array) -> Array:
 
 
 def rotation_of_uvw(angles: Array) -> Array:
-    """Return the rotation matrix of EPSON's U, V, W, rad."""
     u, v, w = np.asarray(angles, dtype=float)
     return Frame(np.zeros(3), np.array([w, v, u])).matrix[:3, :3]
 
@@ -222,13 +225,13 @@ def _checked_pose(pose: Array) -> Array:
 
 
 POSES = 2000
-"""Number of random poses over the joint ranges that represent the workspace."""
+"""Number of random poses that represent the workspace. They are spread over the joint ranges."""
 
 USUAL = 0.8
-"""Quantile of the condition numbers of these poses above which MoveIt Servo slows the arm."""
+"""Quantile of the poses' condition numbers above which MoveIt Servo slows the arm."""
 
 NEARLY_ALL = 0.95
-"""Quantile of the condition numbers of these poses above which MoveIt Servo halts the arm."""
+"""Quantile of the poses' condition numbers above which MoveIt Servo halts the arm."""
 
 
 def singularity_thresholds(model: RobotModel) -> tuple[float, float]:
@@ -242,11 +245,10 @@ def singularity_thresholds(model: RobotModel) -> tuple[float, float]:
 
 
 def conditions(model: RobotModel, joints: Array) -> Array:
-    """Return the condition numbers of tool0's Jacobian at joints of shape (k, n), shape (k,).
+    """Return the condition number of tool0's Jacobian at each of k joint positions, shape (k,).
 
-    The condition number is the ratio of the largest to the smallest singular value, inf in a
-    singularity. As in MoveIt, m and rad are mixed, so the number depends on the size of the arm,
-    and each model needs its own thresholds.
+    `joints` has the shape (k, n). As in MoveIt, m and rad are mixed, so each model needs its own
+    thresholds. At a singularity the result is inf.
     """
     chain, count = model.chain, len(joints)
     turns = np.broadcast_to(np.eye(3), (count, 3, 3))

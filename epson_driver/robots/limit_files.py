@@ -14,14 +14,13 @@ from epson_driver.motion import JointLimits
 from epson_driver.robots.model import load_robot_model
 
 MOVABLE = {'revolute': 'rad', 'continuous': 'rad', 'prismatic': 'm'}
-"""Types of movable joints in a URDF, and their units."""
 
 ENDLESS = 1e4
-"""Position limit of a continuous joint, ± rad, because JointLimits allows no infinite one."""
+"""Position limit of a continuous joint, ± rad, because JointLimits allows no infinite limit."""
 
 _SIZE = number(-1e9, 1e9)
 NUMBER = Rule(lambda value: _SIZE.read(decimal(str(value).strip())), _SIZE.text)
-"""The rule for a number, or for a text with a number, as in XML."""
+"""Rule for a number, or for a text that contains one, as in XML."""
 
 QUANTITIES = ('position_min', 'position_max', 'velocity', 'acceleration', 'jerk')
 OF_MOVEIT = {
@@ -63,10 +62,7 @@ def urdf_limits(text: str) -> Rows:
 
 
 def file_limits(name: str) -> Rows:
-    """Return the limits of MoveIt's joint_limits.yaml, or of a robot model of this package.
-
-    name: path of such a file, or a model's name. Raises InputError if it is invalid or missing.
-    """
+    """Return the limits of a model, or those in a joint_limits.yaml of MoveIt."""
     if name.endswith('.yaml'):
         values = read_yaml(Path(name))
         inside = (
@@ -86,9 +82,8 @@ def limits_of(
 ) -> tuple[JointLimits, list[str]]:
     """Return the limits of some joints, and a sentence for each assumed limit.
 
-    rows: known limits. ratios: default acceleration limit divided by the velocity limit, and
-    default jerk limit divided by the acceleration limit, 1/s. Raises InputError if a position or
-    velocity limit is missing.
+    ratios: default acceleration per velocity limit, and jerk per acceleration limit, 1/s. Raises
+    InputError if a position or velocity limit is missing.
     """
     result, assumed = [], []
     for joint in joints:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot model, read from config/robots/ or from a user's file, and validated."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,8 +26,11 @@ POSITION_RANGE: Range = (-6e4, 6e4, 'degrees or mm')
 
 SPEED_RANGE: Range = (1e-3, 1e7, 'degrees/s or mm/s')
 LIMIT_RANGE: Range = (1e-6, 1e6, 'in its unit')
-"""Range of accelerations and jerks (rad or m, per s² or s³). Below it, a move would take days.
-Above it, no such machine exists, and the smoother's times would be lost to rounding."""
+"""Range of accelerations and jerks.
+
+Below the range, a move would take days. Above it, no such machine exists, and the smoother's times
+would be lost to rounding.
+"""
 
 LENGTH_RANGE: Range = (-1e5, 1e5, 'mm')
 ANGLE_RANGE: Range = (-600.0, 600.0, 'degrees')
@@ -37,33 +39,40 @@ PULSES_RANGE: Range = (-1e9, 1e9, 'pulses')
 WEIGHT_RANGE: Range = (1e-3, 1e5, 'kg')
 
 MAX_PAYLOAD_KG = 1000.0
-"""Maximum payload if the model's data contain none."""
+"""Maximum payload if the model's data contains no payload."""
 
 XYZ = ('x', 'y', 'z')
 RADIANS = np.pi / 180.0
 
 JERK_PER_ACCELERATION = 10.0
-"""Jerk of a model without jerk data as a multiple of the acceleration, 1/s: a ramp of 0.1 s."""
+"""Default ratio of jerk to acceleration, 1/s: an acceleration ramp takes 0.1 s."""
 
 ASSUMED_JERK = Provenance(
     'ten times the acceleration per second, a ramp of 0.1 s (no published value)', (MARKS[-1],)
 )
 
 MIN_PULSES_PER_DEGREE = 1e-3
-"""Minimum number of pulses per degree or mm. With fewer, a range could be less than a pulse."""
+"""Minimum number of pulses per degree or mm.
+
+With fewer pulses, a range could be less than a pulse.
+"""
 
 UNIT_TOLERANCE = 1e-9
-"""Tolerance of the length of an axis vector, which must be 1."""
+"""Tolerance of the length of an axis vector."""
 
 MAX_IN_RADIANS = 26.0
-"""If no joint can turn by this much, degrees, the ranges are probably in rad (26 rad are four
-turns)."""
+"""Angle in degrees that every arm exceeds.
+
+If no joint can turn this far, the ranges are probably in rad.
+"""
 
 LEAST_LENGTH_M = 0.02
-"""Minimum sum of all lengths of a chain. Shorter chains are probably in m, not in mm."""
+"""Minimum sum of a chain's lengths.
+
+If the sum is smaller, the lengths are probably in m, not in mm.
+"""
 
 MIN_RANGE = 1e-4
-"""Minimum difference between the position limits of a joint, degrees or mm."""
 
 SIX_AXIS, SCARA = 'six-axis', 'SCARA'
 
@@ -77,13 +86,11 @@ _KINDS = {
 class RobotModel:
     """The data of one robot model, with joints in the controller's order.
 
-    * pulses_per_degree: encoder pulses per degree (or mm), shape (n,), NaN if unknown.
-    * joint_types: 'revolute' or 'prismatic' for each joint.
-    * chain: the joints, in base_link.
+    * pulses_per_degree: encoder pulses per degree, or per mm for a prismatic joint (NaN: unknown).
     * tool0: the controller's Tool 0 in the last link's frame.
-    * base: EPSON's world in base_link.
-    * payload, mass: maximum payload and mass of the arm, kg, None if unknown.
-    * provenance: the source of each quantity, by its key in the file without the unit.
+    * base: EPSON's world frame in base_link.
+    * payload, mass: kg.
+    * provenance: key of a quantity in the file, without the unit → the source of the quantity.
     * file: the name or path from which the model was loaded.
     """
 
@@ -102,22 +109,19 @@ class RobotModel:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints in the controller's order."""
         return self.limits.names
 
     @property
     def kind(self) -> str:
-        """Type of arm by its joints, in words."""
         return _KINDS.get(self.joint_types, f'{len(self.joint_types)} joints')
 
     @property
     def mark(self) -> str:
-        """Lowest confidence of all quantities, one of MARKS."""
         return max((item.worst for item in self.provenance.values()), key=MARKS.index)
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Ranges, speeds and lengths that are not confirmed, one sentence each."""
+        """Range, speed and length values that are not confirmed, one sentence for each."""
         nouns = {'range': 'ranges', 'speed': 'speeds', 'origins': 'lengths', 'heights': 'heights'}
         result = {words: self.provenance.get(key) for key, words in nouns.items()}
         return tuple(
@@ -128,42 +132,34 @@ class RobotModel:
         )
 
     def checked_payload(self, payload: float, field: str = 'payload') -> float:
-        """Return `payload`, kg. Raises InputError, with `field`, if the arm may not carry it."""
         rule = number(0.0, MAX_PAYLOAD_KG if self.payload is None else self.payload, 'kg')
         return float(rule.checked(payload, field))
 
-    def for_folding_arm(self, joints: Sequence[float]) -> Array:
-        """Convert positions, (6,), rad, of a six-axis arm that is upright at zero, to this arm.
-
-        At zero, the upper arm of a folding arm points backwards, and its forearm forwards.
-        """
-        x, _, z = self.chain.origins[2]
-        lean = float(np.arctan2(x, abs(z)))
-        return np.array(joints) + lean * np.array((0.0, 1.0, -1.0, 0.0, 0.0, 0.0))
-
     @cached_property
     def reach(self) -> Array:
-        """Maximum distance that Tool 0 moves per unit of each joint, shape (n,), m/rad or m/m."""
+        """Maximum distance that Tool 0 moves per unit of each joint, shape (n,).
+
+        The unit is m/rad for revolute joints and m/m for prismatic joints.
+        """
         limits = self.limits
         strokes = np.maximum(np.abs(limits.position_min), np.abs(limits.position_max))
         return reach(self.chain, self.joint_types, strokes, self.tool0.xyz)
 
     @cached_property
     def shown_per_unit(self) -> Array:
-        """EPSON's units (degrees, mm) per SI unit, shape (n,)."""
+        """Factors from SI units to EPSON's units, degrees or mm, shape (n,)."""
         return np.array([SHOWN_UNITS[unit][1] for unit in self.limits.units])
 
     @cached_property
     def pulses_per_unit(self) -> Array:
-        """Encoder pulses per rad, or m for a prismatic joint, shape (n,), NaN if unknown."""
+        """Encoder pulses per rad, or per m for a prismatic joint, shape (n,), NaN if unknown."""
         return self.pulses_per_degree * self.shown_per_unit
 
 
 def load_robot_model(name: str) -> RobotModel:
     """Read a model of config/robots/, or the file itself if `name` is a path to a .yaml file.
 
-    `model_name` lists the accepted names. Raises InputError if the name is unknown, with similar
-    names, or if the data are invalid.
+    `model_name` lists the accepted names. Raises InputError if the name or the data are invalid.
     """
     name = model_name(name)
     made_of = layers(name)
@@ -195,8 +191,10 @@ QUANTITIES = (
     *('range', 'speed', 'acceleration', 'jerk', 'pulses'),
     *('origins', 'heights', 'tool0', 'world', 'payload', 'mass'),
 )
-"""Quantities that have a source: their keys without the units. `heights`: the heights in
-`origins_mm`, if they have another source."""
+"""Quantities that have a source: their keys without the units.
+
+The key `origins_mm` includes `heights`.
+"""
 
 OTHER_KEYS = (
     *('name', 'description', 'like', 'sources', 'joint_names', 'joint_types', 'zero_outside'),
@@ -206,7 +204,7 @@ OTHER_KEYS = (
 
 
 def _keys(types: tuple[str, ...]) -> dict[str, str]:
-    """Return quantity → key of its joint values, which ends with the units of these joints."""
+    """Return quantity → key of its joint values. The key ends with the units of these joints."""
     mixed = PRISMATIC in types
     shown, si = ('deg_mm', 'rad_m') if mixed else ('deg', 'rad')
     return {
@@ -219,7 +217,6 @@ def _keys(types: tuple[str, ...]) -> dict[str, str]:
 
 
 def _si(values: Array, types: tuple[str, ...]) -> Array:
-    """Convert joint values, shape (n, …), from degrees and mm to rad and m."""
     turns = np.array([item != PRISMATIC for item in types]).reshape(-1, *[1] * (values.ndim - 1))
     return np.where(turns, values * RADIANS, values / 1e3)
 
@@ -309,10 +306,7 @@ _JOINT_ROBOT, _SCARA = 1, 3
 
 
 def robot_type(model: RobotModel) -> int:
-    """Return EPSON's number for the type of arm, as in SPEL+'s RobotType and in GetRobotInfo.
-
-    RS and N series are detected by their geometry.
-    """
+    """Return EPSON's number for the type of arm, as in SPEL+'s RobotType and in GetRobotInfo."""
     origins = model.chain.origins
     if model.kind == SCARA:
         return RS_SERIES if origins[1, 2] < 0.0 else _SCARA  # arms below each other

@@ -23,15 +23,17 @@ from epson_driver.robots.chain import REVOLUTE, rotation_about
 from epson_driver.robots.model import RobotModel
 
 TOLERANCE = 1e-9
-"""Tolerance of axes that are parallel (1 - cosine) or that intersect (m)."""
+"""Tolerance for parallel axes (1 - cosine), and for intersecting axes (m)."""
 
 
 STRAIGHT_WRIST_RAD = 2e-6
-"""If joint 5 is closer to 0 than this, joints 4 and 6 are treated as collinear, so that only their
-sum matters. The error of the solution is at most this angle."""
+"""Angle of joint 5, rad, below which only the sum of joints 4 and 6 matters.
+
+The error of the solution is at most this angle.
+"""
 
 ROUNDING = 1e-12
-"""Relative tolerance at the edge of the reach, for rounding."""
+"""Relative tolerance at the edge of the reach."""
 
 
 class KinematicsError(ValueError):
@@ -45,8 +47,9 @@ _Y, _Z = np.eye(3)[1:]
 class OpwParameters:
     """The parameters of the closed form.
 
-    * lengths, m: a1 from joint 1's axis to joint 2's axis, a2 elbow offset, b sideways offset of
-      the wrist, c1 height of joint 2, c2 upper arm, c3 elbow to wrist, c4 wrist to Tool 0.
+    * lengths, m: a1 is from joint 1's axis to joint 2's axis, a2 the elbow offset, b the sideways
+      offset of the wrist, c1 the height of joint 2, c2 the upper arm, c3 from the elbow to the
+      wrist, and c4 from the wrist to Tool 0.
     * offsets, signs: offset, rad, and sign, 1 or -1, of each joint.
     """
 
@@ -56,7 +59,7 @@ class OpwParameters:
 
 
 def opw_parameters(model: RobotModel) -> OpwParameters:
-    """Return a model's parameters. Raises KinematicsError if there is no closed form for it."""
+    """Return a model's parameters. Raises KinematicsError if it has no closed-form inverse."""
     _check_joints(model)
     axes = model.chain.axes
     origins = np.cumsum(model.chain.origins, axis=0)
@@ -140,21 +143,18 @@ def _from_up(direction: Array) -> float:
 
 
 class OpwSolver:
-    """The closed form with the parameters of one model."""
-
     def __init__(self, model: RobotModel) -> None:
         parameters = opw_parameters(model)
         self._lengths = parameters.lengths
         self._signs, self._offsets = np.array(parameters.signs), np.array(parameters.offsets)
 
     def why_unreachable(self, _pose: Array) -> str:
-        """Return '': a spherical wrist can point anywhere."""
         return ''
 
     def sides(self, joints: Array) -> tuple[float, ...]:
-        """Return the wrist's distance in front of joint 1's axis, m, and two bends, rad.
+        """Return the wrist's distance in front of joint 1's axis, m, and bends of elbow and wrist.
 
-        The bends are of elbow and wrist. Their signs are inverted if the arm hangs.
+        Their signs are inverted if the arm is upside down.
         """
         _, second, third, _, fifth, _ = (self._signs * joints - self._offsets).tolist()
         a1, a2, _, c1, c2, c3, _ = self._lengths.values()
@@ -164,10 +164,9 @@ class OpwSolver:
         return front, upright * copysign(bend, bend * front), upright * fifth
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
-        """Return all solutions, up to eight, regardless of the joint limits.
+        """Return up to eight solutions, regardless of the joint limits.
 
-        At the edge of the arm's reach, solutions are duplicated. Joint 4 is as in `near` for a
-        straight wrist, and joint 1 is as in `near` if the wrist is on joint 1's axis.
+        Two of them may be equal.
         """
         first, _, _, fourth, _, _ = (self._signs * near - self._offsets).tolist()
         angles = [
@@ -204,10 +203,9 @@ class OpwSolver:
 def _wrists(
     arm: tuple[float, float, float], turn: Array, fourth: float
 ) -> Iterator[tuple[float, float, float]]:
-    """Yield the angles of joints 4 to 6 that produce an orientation of the hand.
+    """Yield the angles of joints 4 to 6 that give the hand the orientation `turn`.
 
-    arm: angles of joints 1 to 3. turn: the orientation, a rotation matrix. fourth: angle of joint
-    4 if the wrist is straight, because any angle is then possible.
+    `fourth`: angle of joint 4 if the wrist is straight, because any angle is then possible.
     """
     (c1, s1), (c23, s23) = ((cos(item), sin(item)) for item in (arm[0], arm[1] + arm[2]))
     forearm = np.array([[c1 * c23, s1 * c23, -s23], [-s1, c1, 0.0], [c1 * s23, s1 * s23, c23]])

@@ -21,8 +21,11 @@ from epson_driver.motion import Array
 from epson_driver.robots.catalogue import Layer
 
 MARKS = ('confirmed', 'one source', 'derived', 'estimated')
-"""Confidence of a number, best first. confirmed: by EPSON for this model, or by two sources.
-derived: computed from such numbers, or from a sister model. estimated: a proxy or a guess."""
+"""Confidence of a number, best first.
+
+A number is `confirmed` by EPSON for this model or by two sources. It is `derived` if it was
+computed from such numbers or from a sister model. It is `estimated` if it is a proxy or a guess.
+"""
 
 Range = tuple[float, float, str]
 """Smallest and largest value, and their unit."""
@@ -30,9 +33,9 @@ Range = tuple[float, float, str]
 
 @dataclass(frozen=True)
 class Provenance:
-    """Source of the numbers of a quantity, and the confidence of each.
+    """Source of a quantity.
 
-    `marks` has one entry per joint, or a single one for a quantity that is not per joint.
+    It includes the confidence of the quantity's number, or of the number of each joint.
     """
 
     source: str
@@ -40,14 +43,13 @@ class Provenance:
 
     @property
     def worst(self) -> str:
-        """Lowest confidence of all its numbers, one of MARKS."""
         return max(self.marks, key=MARKS.index)
 
 
 class Reader:
     """The keys of one model, checked for type, length and range.
 
-    layers: the model's layers. The last layer that contains a key defines it.
+    Later layers override earlier ones.
     """
 
     def __init__(self, layers: Sequence[Layer]) -> None:
@@ -62,12 +64,10 @@ class Reader:
                 self._sources[key] = layer, source
 
     def error(self, key: str, value: object, rule: str) -> InputError:
-        """Return the error for a value of a key that breaks a rule."""
         layer = self._from.get(key, self._own)
         return self._error(layer, (key,), f'{key} = {shown(value)}: {rule}')
 
     def check_keys(self, known: Sequence[str]) -> None:
-        """Raise InputError if the model has a key that is not in `known`."""
         for key, layer in self._from.items():
             if key in known:
                 continue
@@ -79,18 +79,15 @@ class Reader:
             raise self._error(layer, (key,), f'{key}: {rule if units else f"unknown key{hint}"}')
 
     def check_sources(self, known: Sequence[str]) -> None:
-        """Raise InputError if `sources` has a key other than the known quantities."""
         for key, (layer, _) in self._sources.items():
             if key not in known:
                 rule = f'must be one of {", ".join(known)}'
                 raise self._error(layer, ('sources', key), f'sources.{key}: {rule}')
 
     def has(self, key: str) -> bool:
-        """Return whether the model has a key."""
         return key in self._from
 
     def has_source(self, quantity: str) -> bool:
-        """Return whether the model names a source of a quantity."""
         return quantity in self._sources
 
     def get(self, key: str, kind: type, otherwise: Any = None) -> Any:
@@ -102,7 +99,7 @@ class Reader:
         return self._in(self._from[key], key, None, kind)
 
     def names(self, key: str, count: int) -> tuple[str, ...]:
-        """Return a list of `count` joint names, by default joint_1 and so on."""
+        """Return a list of `count` joint names. The default is joint_1 and so on."""
         value = self.get(key, list, [f'joint_{number}' for number in range(1, count + 1)])
         try:
             names: tuple[str, ...] = JOINT_NAMES.checked(value, key)
@@ -113,7 +110,10 @@ class Reader:
         return names
 
     def choices(self, key: str, allowed: tuple[str, ...], count: int) -> tuple[str, ...]:
-        """Return one of the allowed values for each joint, by default the first of them."""
+        """Return one of the allowed values for each joint.
+
+        The default is the first allowed value.
+        """
         words = self.get(key, list, [allowed[0]] * count)
         if len(words) != count or not all(word in allowed for word in words):
             rule = f'must be a list of one per joint, each of {", ".join(allowed)}'
@@ -141,11 +141,9 @@ class Reader:
         )
 
     def number(self, key: str, range_: Range) -> float:
-        """Return one number within a range."""
         return self._number(key, self.get(key, object), range_)
 
     def vectors(self, key: str, count: int, range_: Range, each: tuple[str, ...]) -> Array:
-        """Return `count` vectors of numbers within a range, shape (count, len(each))."""
         rows = self.get(key, list)
         if len(rows) != count:
             raise self.error(key, rows, f'must have {count} lists, one per joint')
@@ -157,7 +155,6 @@ class Reader:
         return np.array(rows, dtype=float).reshape(count, len(each))
 
     def provenance(self, quantity: str, count: int = 1) -> Provenance:
-        """Return source and confidence of a quantity that has `count` numbers."""
         layer, source = self._sources.get(quantity, (self._own, None))
         if source is None:
             return Provenance(f'{printable(self._own.path.name)}, without a source', (MARKS[1],))

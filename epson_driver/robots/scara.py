@@ -1,9 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Closed-form inverse kinematics of a SCARA: two arms, a vertical axis, and the tool's turn.
+"""Closed-form inverse kinematics of a SCARA: two arms, a vertical axis, and rotation of the tool.
 
-All four axes are vertical, so the tool stays upright. Seen from above the arms form a triangle: a
-reachable position has two solutions, with the elbow on one side or the other.
+All four axes are vertical, so the tool stays upright. Seen from above, the two arms and the line
+from the first axis to the tool form a triangle. A reachable position therefore has two solutions,
+with the elbow on one side or on the other.
 """
 
 from dataclasses import dataclass
@@ -15,10 +16,10 @@ from epson_driver.robots.model import RobotModel
 from epson_driver.robots.opw import TOLERANCE, KinematicsError
 
 EDGE_M = 1e-9
-"""Distance beyond the edge of the workspace that counts as reachable, m."""
+"""Distance beyond the edge of the workspace that counts as reachable."""
 
 UPRIGHT_RAD = 1e-6
-"""Maximum tilt of a pose that counts as upright, rad. The solution ignores it."""
+"""Maximum tilt of a pose that counts as upright. The solution ignores it."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,8 @@ class ScaraParameters:
     """Parameters of the closed form.
 
     * lengths: lengths of both arms, seen from above, and height of link_4 at the zero pose, m.
-    * base, arms: position of joint 1's axis, and the vectors of both arms at the zero pose, as
-      complex numbers x + iy, m.
+    * base: position of joint 1's axis as a complex number x + iy, m.
+    * arms: vectors of both arms at the zero pose, as complex numbers x + iy, m.
     * signs: 1 for each joint whose axis points up, else -1.
     """
 
@@ -38,10 +39,7 @@ class ScaraParameters:
 
 
 def scara_parameters(model: RobotModel) -> ScaraParameters:
-    """Return the parameters of a model with revolute, revolute, prismatic and revolute joints.
-
-    Raises KinematicsError if the model has another geometry than a SCARA.
-    """
+    """Return a SCARA's parameters. Raises KinematicsError for another geometry."""
     up = model.chain.axes[:, 2]
     for name, fraction in zip(model.joint_names, np.abs(up), strict=True):
         if abs(fraction - 1.0) > TOLERANCE:
@@ -64,28 +62,21 @@ def scara_parameters(model: RobotModel) -> ScaraParameters:
 
 
 class ScaraSolver:
-    """Inverse kinematics of one SCARA model."""
-
     def __init__(self, model: RobotModel) -> None:
         self._parameters = scara_parameters(model)
         self._from_tool0 = np.linalg.inv(model.tool0.matrix)
 
     def why_unreachable(self, pose: Array) -> str:
-        """Return why the orientation of a pose is unreachable, or ''."""
         lean = _lean(pose @ self._from_tool0)
         if lean < UPRIGHT_RAD:
             return ''
         return f'it is tilted by {np.degrees(lean):.3g} degrees, but a SCARA tool stays upright'
 
     def sides(self, joints: Array) -> tuple[float, ...]:
-        """Return the angle of joint 2, rad. Its sign is the side of the elbow."""
         return (float(joints[1]),)
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
-        """Return the solutions with the elbow on each side, regardless of the joint limits.
-
-        If the arms are folded back onto joint 1's axis, joint 1 is as in `near`.
-        """
+        """Return the solutions with the elbow on each side, regardless of the joint limits."""
         last = pose @ self._from_tool0
         if _lean(last) >= UPRIGHT_RAD:
             return []
@@ -116,7 +107,7 @@ class ScaraSolver:
 
 
 def _lean(frame: Array) -> float:
-    """Return the angle between a frame's z axis and the vertical, rad."""
+    """Return the angle between the z axis of a frame and the vertical, rad."""
     return float(np.arctan2(np.hypot(frame[0, 2], frame[1, 2]), frame[2, 2]))
 
 

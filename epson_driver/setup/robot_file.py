@@ -1,10 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The file of one robot, robot.yaml: address, profile, model, and deviating ports.
+"""The file of one robot, robot.yaml: address, profile, model, and ports that deviate from it.
 
 `epson_driver connect` writes it. It is a ROS parameter file, so `--params-file` accepts it, too.
 """
 
+import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -15,6 +16,7 @@ from epson_driver.inputs import MEGABYTE, InputError, printable, read_file, read
 KEYS = (
     *('robot_ip', 'controller', 'robot_model'),
     *('motion_port', 'state_port', 'io_port', 'remote_port'),
+    'password_variable',
 )
 """Names of the settings that a robot's file may have."""
 
@@ -30,7 +32,6 @@ def is_robot_file(name: str) -> bool:
 
 
 def robot_settings(name: str) -> dict[str, Any]:
-    """Return the settings in a robot's file, by name. Raises InputError if the file is invalid."""
     from epson_driver.setup.table import ROWS  # imported with the first file, to start fast
 
     path = Path(name)
@@ -46,8 +47,18 @@ def robot_settings(name: str) -> dict[str, Any]:
     return content
 
 
+def password_in(variable: str, usual: str) -> str:
+    """Return the password in an environment variable, or `usual` if `variable` is ''."""
+    if not variable:
+        return usual
+    password = os.environ.get(variable)
+    if password is None:
+        rule = f'this environment variable is not set: export {variable}=…'
+        raise InputError(f'password_variable = {variable}: {rule}')
+    return password
+
+
 def robot_text(settings: Mapping[str, Any], about: str) -> str:
-    """Return the text of a robot's file. `about`: the comment in its first line."""
     import yaml
 
     content = {NODES: {PARAMETERS: dict(settings)}}
@@ -55,16 +66,12 @@ def robot_text(settings: Mapping[str, Any], about: str) -> str:
 
 
 def node_sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the parameters in a file by node name, which may contain the wildcards * and **.
-
-    Raises InputError if the file is not YAML.
-    """
+    """Return the parameters in a file by node name, which may contain the wildcards * and **."""
     content = read_yaml(path)
     return dict(_sections(content)) if isinstance(content, Mapping) else {}
 
 
 def _sections(content: Mapping[str, Any], above: str = '') -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the node names and parameters in a file. Nodes may be nested by namespace."""
     for name, value in content.items():
         if not isinstance(value, Mapping):
             continue
@@ -75,6 +82,5 @@ def _sections(content: Mapping[str, Any], above: str = '') -> Iterator[tuple[str
 
 
 def fits_node(pattern: str, node: str) -> bool:
-    """Return whether a pattern matches a node name. `*`: one token, `**`: any number of tokens."""
     expression = re.escape(pattern).replace(r'/\*\*', '(/.*)?').replace(r'\*', '[^/]*')
     return re.fullmatch(expression, node) is not None

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from epson_driver.driver.configuration import Configuration
-from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.delivery.delivery import delivery_rules
 from epson_driver.driver.delivery.statements import Statement, StatementDelivery, last_point
 from epson_driver.driver.driver import Driver, DriverEvents
 from epson_driver.driver.goal.goal import Goal, GoalSettings, Tolerances, cause_timeout
@@ -24,6 +24,9 @@ from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.point_to_point import straight
 from epson_driver.profiles import ControllerProfile, load_controller_profile
 from epson_driver.robots import RobotModel, load_robot_model
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.rtmc.messages import MAX_PASSWORD_BYTES
+from epson_driver.setup.robot_file import password_in
 from epson_driver.setup.table import EACH_JOINT, TABLE, joint_rows
 from epson_driver.simple_message import MAX_JOINTS, ByteOrder
 
@@ -33,12 +36,7 @@ NOT_WIRED = [-1, -1]
 
 @dataclass(frozen=True)
 class Setup:
-    """The settings of a driver, and the objects created from them.
-
-    * values: all settings by name. `apply` passes changes to a running driver.
-    * model: has the joint names of the settings.
-    * gripper: None if none is configured.
-    """
+    """The settings of a driver by name, and the objects created from them."""
 
     values: dict[str, Any]
     profile: ControllerProfile
@@ -47,13 +45,13 @@ class Setup:
     gripper: GripperWiring | None
 
     def make_driver(self, events: DriverEvents) -> Driver:
-        """Return a new driver, which is not running."""
         driver = Driver(self.configuration, events, self.goals)
+        if driver.statements is not None:
+            driver.statements.arm = Kinematics(self.model)
         self.apply(driver)
         return driver
 
     def apply(self, driver: Driver) -> None:
-        """Apply the current values to a driver."""
         driver.goal_queue.settings = self.goals
         driver.goal_queue.start_tolerance = self.values['start_tolerance']
         driver.servo.settings = self.servo
@@ -66,7 +64,6 @@ class Setup:
 
     @property
     def goals(self) -> GoalSettings:
-        """Settings for the execution of goals."""
         return GoalSettings(
             stopped_velocity=self.values['constraints.stopped_velocity_tolerance'],
             reply_timeout=self.values['reply_timeout'],
@@ -76,7 +73,6 @@ class Setup:
 
     @property
     def servo(self) -> ServoSettings:
-        """Settings for setpoint streams."""
         return ServoSettings(
             scale=self.values['servo.scale'],
             timeout=self.values['servo.timeout'],
@@ -95,20 +91,11 @@ class Setup:
     def joint_move(
         self, start: Array, target: Array, speed: float, acceleration: float
     ) -> tuple[Trajectory, Callable[[StatementDelivery], str]]:
-        """Return a straight trajectory in joint space, and a function that returns its SPEL+ text.
-
-        `start`, `target`: shape (n,), rad (m). `speed`, `acceleration`: fractions of the limits,
-        (0, 1].
-        """
         limits = self.model.limits
         path = straight(start, target, limits, speed, acceleration, sampled=self.interpolates)
         return path, lambda moves: moves.joints(target, speed, acceleration)
 
     def goal(self, trajectory: Trajectory, statement: str | None = None) -> Goal:
-        """Return the goal of a trajectory, with the tolerances of the settings.
-
-        `statement`: SPEL+ text of the whole motion, for a controller that accepts no points.
-        """
         path = self.tolerances('trajectory')
         return Goal(
             trajectory if statement is None else last_point(trajectory),
@@ -124,10 +111,11 @@ class Setup:
 def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
     """Return the settings for which a controller's profile has values.
 
-    The byte order is excluded, because it is detected. The profile only has its initial value.
+    The byte order is excluded, because it is detected. The profile only has the initial one.
     """
+    real_time = profile.program.interface == 'rtmc'
     return {
-        'motion_port': profile.ports.motion,
+        'motion_port': profile.rtmc.port if real_time else profile.ports.motion,
         'state_port': profile.ports.state,
         'io_port': profile.ports.io,
         'remote_port': profile.ports.remote,
@@ -142,10 +130,10 @@ def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
 
 
 def make_setup(settings: Mapping[str, Any]) -> Setup:
-    """Return the setup for settings, given by name and already checked one by one.
+    """Return the setup for settings by name, each of which has already been checked.
 
     The controller's profile, the robot model and the table provide the defaults. Raises ValueError
-    if values are incompatible, InputError if the profile or the model does not exist.
+    if settings are incompatible, InputError if the profile or the model does not exist.
     """
     values = {row.name: row.default for row in TABLE} | {**settings}
     profile = load_controller_profile(values['controller'])
@@ -178,6 +166,7 @@ def _configuration(
         deviation=values['thin_deviation'],
         tolerance=values['smoothing_tolerance'],
     )
+    real_time = profile.program.interface == 'rtmc'
     try:
         check_tolerance(smoothing)
     except ValueError as error:
@@ -204,12 +193,22 @@ def _configuration(
         usual_byte_order=profile.byte_order,
         motors=profile.program.motors,
         client_timeout=profile.server.client_timeout,
-        password=profile.remote.password,
+        password=_password(values['password_variable'], profile, real_time),
+        model=model.name,
+        cycle=profile.rtmc.cycle,
         state_period=profile.state.period,
         margins=Margins(values['state_position_margin'], values['state_velocity_margin']),
         configured_as=f'{profile.name}, {model.name}',
         smoothing=smoothing,
     )
+
+
+def _password(variable: str, profile: ControllerProfile, real_time: bool) -> str:
+    password = password_in(variable, (profile.rtmc if real_time else profile.remote).password)
+    if real_time and (size := len(password.encode())) > MAX_PASSWORD_BYTES:
+        name = f'password_variable = {variable}' if variable else 'rtmc.password of the profile'
+        raise InputError(f'{name}: {size} bytes: at most {MAX_PASSWORD_BYTES}')
+    return password
 
 
 def _gripper_wiring(values: Mapping[str, Any]) -> GripperWiring | None:

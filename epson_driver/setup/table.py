@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The settings as one table: name, default, description, range, unit, and when they may change.
+"""The table of all settings: name, default, description, range, unit, and when it may change.
 
 The node's parameters and the `Settings` of the Python API are created from it.
 """
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from epson_driver.driver.state.joint_mapping import OFFSETS, SIGNS
-from epson_driver.inputs import HOST, JOINT_NAMES, Rule, choice, count, list_of, number
+from epson_driver.inputs import HOST, JOINT_NAMES, VARIABLE, Rule, choice, count, list_of, number
 
 GOAL_TOLERANCE = {'rad': 0.01, 'm': 0.001}
 
@@ -31,7 +31,6 @@ POINT_PAIR = Rule(_pair, 'must be two whole numbers ≥ -1')
 
 
 def is_a(kind: type, text: str) -> Rule:
-    """Return a rule that accepts instances of `kind`. `text`: the rule in words."""
 
     def read(value: Any) -> Any:
         if not isinstance(value, kind):
@@ -50,7 +49,7 @@ NAME_OR_FILE = is_a(str, 'must be a name or a path')
 class Row:
     """One setting. Its value is one of `choices`, from `low` to `high`, or accepted by `rule`.
 
-    `now`: whether it may change while the driver runs.
+    `now`: whether the setting may change while the driver runs.
     """
 
     name: str
@@ -66,12 +65,10 @@ class Row:
 
     @property
     def description(self) -> str:
-        """The description as a sentence, with the unit."""
         return f'{self.about[:-1]} [{self.unit}].' if self.unit else self.about
 
     @property
     def allowed(self) -> Rule:
-        """The rule for the value."""
         if self.rule is not None:
             return self.rule
         if self.choices:
@@ -99,6 +96,15 @@ ROBOT_MODEL = Row(
     rule=NAME_OR_FILE,
 )
 
+PLAN_SCALING = Row(
+    'plan_scaling',
+    True,
+    'With timing time_optimal: the highest velocity and acceleration of the plan, as '
+    'fractions of the limits, are maxima, so that a plan with low scaling factors stays slow. '
+    'False: only the limits apply.',
+)
+"""A setting of the driver and of smooth_goals."""
+
 TABLE = (
     CONTROLLER,
     Row('robot_ip', '127.0.0.1', 'IP address or host name of the robot controller.', rule=HOST),
@@ -112,6 +118,13 @@ TABLE = (
         'and ~/reset_error use it, and with some profiles also the I/O.',
         0,
         65535,
+    ),
+    Row(
+        'password_variable',
+        '',
+        'Environment variable that contains the Remote Ethernet password (empty: the password in '
+        'the profile, usually none).',
+        rule=VARIABLE,
     ),
     Row(
         'joint_names',
@@ -158,8 +171,8 @@ TABLE = (
         'streaming',
         'Transfer of trajectories. streaming: point by point, each acknowledged. download: all '
         'points before the motion, not acknowledged. statements: over Remote Ethernet only, '
-        'goals of one point or motion primitives.',
-        choices=('streaming', 'download', 'statements'),
+        'goals of one point or motion primitives. rtmc: Real-time Motion Control of an RC800.',
+        choices=('streaming', 'download', 'statements', 'rtmc'),
     ),
     Row(
         'point_message',
@@ -210,6 +223,7 @@ TABLE = (
         'the joint limits allow; times are ignored and not needed.',
         choices=('as_planned', 'time_optimal'),
     ),
+    PLAN_SCALING,
     Row(
         'byte_order',
         'auto',
@@ -425,7 +439,6 @@ TABLE = (
 
 
 def joint_rows(joint: str, unit: str = 'rad') -> Iterator[Row]:
-    """Yield the parameters of one joint, with the names of joint_trajectory_controller."""
     yield Row(
         f'constraints.{joint}.goal',
         GOAL_TOLERANCE[unit],

@@ -5,7 +5,6 @@
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.robots import RobotModel
 from epson_driver.share import share_path
 from epson_driver.sim_controller.arm.executor import Executor
-from epson_driver.sim_controller.arm.low_power import LowPower, low_power_caps
+from epson_driver.sim_controller.arm.low_power import low_power_caps
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint
 from epson_driver.sim_controller.arm.simulated_arm import SimulatedArm
 from epson_driver.sim_controller.arm.streaming import Planner, Streaming
@@ -31,42 +30,21 @@ from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.programs.motion_program import MotionProgram
 from epson_driver.sim_controller.programs.motoman_program import MotomanProgram
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
-from epson_driver.sim_controller.spel_host.spel_program import MAIN, SpelProgram
+from epson_driver.sim_controller.spel_host.spel_program import SpelProgram, SpelSource
 from epson_driver.simple_message import MAX_JOINTS, Dialect
 from epson_driver.spel import (
     ErrorNumber,
-    ProgramEnvironment,
     SpelError,
-    Terminal,
     build,
     read_project,
     with_defines,
 )
-from epson_driver.spel import Program as CompiledProgram
 
-DEFAULT_SPEED = 0.05
-"""Initial Speed and Accel of a SPEL+ program, a fraction of the limits."""
+DEFAULT_SPEED = 0.05  # initial Speed and Accel of a SPEL+ program
 
 
 ALL_BITS, ALL_FLAGS = 4096, 1024
-"""Number of inputs and of outputs, and number of memory bits.
-
-These are the maximum, because project files do not specify the I/O boards.
-"""
-
-
-class SpelSource(NamedTuple):
-    """A SPEL+ program, its ports, and its terminal (None: log the output).
-
-    `environment`: stub answers, port settings and files of the program (None: the defaults).
-    `starts`: the function to start. If it is not main, BgMain is not started.
-    """
-
-    program: CompiledProgram
-    network: ProgramNetwork
-    terminal: Terminal | None = None
-    environment: ProgramEnvironment | None = None
-    starts: str = MAIN
+"""Number of bits, and of flags: the maximum, because project files do not list the I/O boards."""
 
 
 def new_controller(
@@ -81,12 +59,11 @@ def new_controller(
 ) -> Controller:
     """Return a controller that has just booted.
 
-    `start` is the initial arm position, shape (n,), rad (None: the position within the limits that
-    is nearest to zero). With a `planner` the arm moves smoothly, otherwise point to point. With
-    `spel` a SPEL+ program runs instead of the built-in one, and the arm moves point to point.
-    `dialect` and `state_period`, s, default to the profile's. `seed`: seed of random faults.
-    Raises ValueError if the start is outside the limits, or if the robot has more joints than fit
-    in a message.
+    `start` is the initial arm position, shape (n,), rad (None: the position nearest to zero within
+    the limits). With a `planner` the arm moves smoothly, otherwise point to point. With `spel` a
+    SPEL+ program runs instead of the built-in one, and the arm moves point to point. `dialect` and
+    `state_period`, s, default to the profile's. `seed`: seed of random faults. Raises ValueError
+    if the start is outside the limits, or if the robot has more joints than fit in a message.
     """
     limits = model.limits
     if len(limits.names) > MAX_JOINTS:
@@ -107,9 +84,11 @@ def new_controller(
         _run_spel(controller, spel, start_position)
     else:
         controller.clients = ClientConnections(controller)
-        if profile.program.interface == 'statements':
+        if not profile.program.loaded:
             controller.tables = NOTHING_LOADED
-        controller.arm = _new_arm(controller, start_position, planner)
+        executor = _new_executor(controller, start_position, planner)
+        caps = low_power_caps(model.reach)
+        controller.arm = SimulatedArm(executor, controller.servo, caps)
         motoman = profile.program.kind == 'motoman'
         controller.program = MotomanProgram(controller) if motoman else MotionProgram(controller)
         controller.new_command_window = lambda: _command_window(controller)
@@ -118,7 +97,6 @@ def new_controller(
 
 
 def with_all_boards(profile: ControllerProfile) -> ControllerProfile:
-    """Return a profile with all I/O boards, for the programs of users."""
     boards = replace(
         profile.io, digital_inputs=ALL_BITS, digital_outputs=ALL_BITS, flags=ALL_FLAGS
     )
@@ -138,20 +116,11 @@ def _run_spel(controller: Controller, source: SpelSource, start: Array) -> None:
     executor = _statements(controller, start)
     caps = low_power_caps(controller.model.reach)
     controller.arm = SimulatedArm(executor, controller.servo, caps)
-    controller.program = program = SpelProgram(
-        source.program,
-        controller,
-        executor,
-        source.network,
-        source.terminal,
-        environment=source.environment,
-        starts=source.starts,
-    )
+    controller.program = program = SpelProgram(controller, executor, source)
     controller.new_command_window = lambda: program
 
 
 def _statements(controller: Controller, start: Array) -> PointToPoint:
-    """Return an executor of SPEL+ motion statements, with the arm at `start`, shape (n,), rad."""
     return PointToPoint(
         controller.model.limits,
         start,
@@ -164,30 +133,28 @@ def _statements(controller: Controller, start: Array) -> PointToPoint:
 
 
 def _command_window(controller: Controller) -> SpelProgram:
-    """Return an empty program that executes `$Execute` and takes control of the arm to move."""
+    """Return an empty program for `$Execute`.
+
+    It takes control of the arm when a command moves the arm.
+    """
     executor = _statements(controller, controller.arm.commanded)
 
     def acquire_arm() -> None:
         if controller.clients.has_client('motion'):
             text = 'the client of the motion port controls the arm'
             raise SpelError(ErrorNumber.TASK_TYPE, text)
+        if controller.real_time is not None and controller.real_time.enabled:
+            raise SpelError(ErrorNumber.TASK_TYPE, 'real-time motion control controls the arm')
         controller.arm.switch_executor(executor)
 
-    network = ProgramNetwork({})
-    return SpelProgram(build({'': ''}), controller, executor, network, acquire_arm=acquire_arm)
+    source = SpelSource(build({'': ''}), ProgramNetwork({}))
+    return SpelProgram(controller, executor, source, acquire_arm)
 
 
-def _new_arm(controller: Controller, start: Array, planner: Planner | None) -> SimulatedArm:
-    caps = low_power_caps(controller.model.reach)
-    executor = _new_executor(controller, start, planner, caps)
-    return SimulatedArm(executor, controller.servo, caps)
-
-
-def _new_executor(
-    controller: Controller, start: Array, planner: Planner | None, caps: LowPower
-) -> Executor:
+def _new_executor(controller: Controller, start: Array, planner: Planner | None) -> Executor:
     limits, profile = controller.model.limits, controller.profile
     motion, program = profile.motion, profile.program
+    caps = low_power_caps(controller.model.reach)
     if planner is None:
         return PointToPoint(
             limits,
@@ -223,7 +190,7 @@ def profile_project(profile: SpelProfile, model: RobotModel) -> dict[str, str]:
     """Return the files of a profile's SPEL+ project, configured for a robot model.
 
     The #define lines get the values of `robot_defines` and of the profile's `config`. Raises
-    InputError if a value does not fit the project, OSError if a file cannot be read.
+    InputError if a value does not fit the project, and OSError if a file cannot be read.
     """
     files = read_project(share_path(profile.project))
     return with_defines(files, {**robot_defines(files, model), **profile.config})
@@ -232,9 +199,10 @@ def profile_project(profile: SpelProfile, model: RobotModel) -> dict[str, str]:
 def robot_defines(files: Mapping[str, str], model: RobotModel) -> dict[str, str]:
     """Return the values of a project's #define lines that depend on the robot.
 
-    J1_SPEED and so on are in degrees/s (mm/s). A user takes them from the robot's manual. T100_MS
-    and RAMP_MS are acceleration times, which a user measures. Values without a #define line in
-    `files` are omitted. Raises InputError if the project does not support the robot's joints.
+    J1_SPEED and so on are joint speeds in degrees/s or mm/s, which users of a real robot take from
+    its manual. T100_MS and RAMP_MS are acceleration times, which they measure. Values without a
+    #define line in `files` are omitted. Raises InputError if the project does not support the
+    robot's joints.
     """
     text = '\n'.join(files.values())
     limits, joints, scara = model.limits, len(model.joint_names), 'm' in model.limits.units

@@ -21,13 +21,13 @@ from epson_driver.sim_controller.io.motoman_io_session import MotomanIoSession
 from epson_driver.sim_controller.ports import (
     Answers,
     Client,
-    ProgramPorts,
     Send,
     Session,
     answer_frame,
 )
 from epson_driver.sim_controller.programs.motion_program import MotionProgram
 from epson_driver.sim_controller.remote.remote_session import RemoteSession
+from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.simple_message import (
     Frame,
     FrameError,
@@ -39,22 +39,13 @@ from epson_driver.simple_message import (
 )
 
 MAX_CATCH_UP_SLOTS = 200
-"""Maximum number of missed state messages to send after a scheduling delay, 1 s at 200 Hz.
-
-They contain the state at their due time, because a real controller measures it in each cycle.
-Older messages are dropped, because clients do not need them and each takes 0.1 ms.
-"""
+"""Maximum number of late state messages, 1 s at 200 Hz. Older ones are dropped."""
 
 _Slot = tuple[Callable[[], Message], ...]
-"""Functions that return the messages of one time slot."""
 
 
 class StateSession:
-    """Session of one state client, with joint positions every `state_period` s.
-
-    A STATUS is sent after every `joint_positions_per_status` joint positions. Each message
-    contains the state at its due time, even if it is sent late.
-    """
+    """Session of one client of the state port. It sends joint positions every `state_period` s."""
 
     def __init__(self, controller: Controller, send: Send) -> None:
         self._dialect = controller.dialect
@@ -74,13 +65,15 @@ class StateSession:
         else:
             slots.append((controller.status,))
         self._slots: Iterator[_Slot] = cycle(slots)
+        self._at_rest: _Slot | None = (controller.status,) if profile.status_at_rest else None
+        self._in_motion = False  # in the last slot
+        self._controller = controller
         self._timer = controller.clock.every(
             controller.state_period, self._tick, catch_up=MAX_CATCH_UP_SLOTS
         )
         self._open = True
 
     def receive(self, data: bytes) -> None:
-        """Answer the client's requests. Raises FrameError if frame synchronization is lost."""
         self._framer.receive_data(data)
         while self._open and (frame := self._framer.next_frame()) is not None:
             reply = answer_frame(frame, self._answers)
@@ -88,29 +81,32 @@ class StateSession:
                 self._send(encode(reply, self._dialect))
 
     def closed(self) -> None:
-        """Stop sending."""
         self._open = False
         self._timer.cancel()
 
     def _tick(self) -> None:
-        for message in next(self._slots):
+        slot = next(self._slots)
+        moved, self._in_motion = self._in_motion, self._controller.in_motion
+        if self._at_rest is not None and moved and not self._in_motion:
+            slot = self._at_rest
+        for message in slot:
             self._send(encode(topic(message()), self._dialect))
 
 
 SLICES = 20
 """Number of slices into which `ClientWatchdog` divides its timeout.
 
-A scheduling delay of this process counts as one slice, however long it is. Messages that arrive
-during the delay are therefore read before the timeout expires.
+A scheduling delay of this process counts as at most one slice, however long it is. The messages
+that arrived during the delay are therefore read before the timeout expires.
 """
 
 
 class ClientWatchdog:
     """Timeout for a client that sends heartbeats: a PING as a topic (REP-I0006).
 
-    `silent` is called once when such a client has sent nothing for `timeout` s, up to one slice
-    late. `receive` must be called with every message of the client. A client without heartbeats,
-    like a ROS 1 driver, may be silent indefinitely.
+    `silent` is called once, up to one slice late, when such a client has sent nothing for
+    `timeout` s. `receive` must be called with every message of the client. A client without
+    heartbeats, like a ROS 1 driver, may be silent indefinitely.
     """
 
     def __init__(self, clock: Clock, timeout: float, silent: Callable[[], None]) -> None:
@@ -121,13 +117,12 @@ class ClientWatchdog:
         self._timer: Timer | None = None
 
     def receive(self, frame: Frame) -> None:
-        """Restart the timeout after a message. The first heartbeat starts it."""
+        """Restart the timeout after a message. The first heartbeat starts the timeout."""
         self._silent_slices = -1  # the current slice does not count
         if frame.heartbeat and self._timer is None:
             self._timer = self._clock.every(self._slice, self._end_slice, first=self._slice)
 
     def end(self) -> None:
-        """Stop the watchdog after the client has disconnected."""
         if self._timer is not None:
             self._timer.cancel()
 
@@ -138,8 +133,6 @@ class ClientWatchdog:
 
 
 class MotionSession:
-    """The session of the motion client, with a watchdog if the profile specifies one."""
-
     def __init__(self, controller: Controller, send: Send) -> None:
         self._controller = controller
         self._watchdog: ClientWatchdog | None = None
@@ -154,9 +147,9 @@ class MotionSession:
         controller.client_connected()
 
     def receive(self, data: bytes) -> None:
-        """Process the client's bytes. Raises FrameError if frame synchronization is lost.
+        """Process received bytes.
 
-        The session then ends, as after the loss of the client.
+        Raises FrameError if frame synchronization is lost. The session then ends.
         """
         self._framer.receive_data(data)
         try:
@@ -165,12 +158,11 @@ class MotionSession:
                     self._watchdog.receive(frame)
                 self._controller.program.receive(frame)
         except FrameError as error:
-            self._controller.show(Rejection(ErrorNumber.CORRUPT_MESSAGE, str(error)))
+            self._controller.errors.enter(Rejection(ErrorNumber.CORRUPT_MESSAGE, str(error)))
             self.closed()
             raise
 
     def closed(self) -> None:
-        """End the session. The controller reacts to the loss of its client."""
         if self._open:
             self._open = False
             if self._watchdog is not None:
@@ -184,18 +176,19 @@ class MotionSession:
 _log = logging.getLogger(__name__)
 
 MAX_REMOTE_CLIENTS = 16
-"""Maximum number of remote clients. A further client replaces one of them."""
+"""Maximum number of remote clients. A new client beyond it replaces one of them."""
 
 GRACE_S = 0.1
-"""Time after its connection, s, in which a remote client is not evicted, so that it can send."""
+"""Time after its connection in which a remote client is not evicted, s.
+
+The client can then send a command.
+"""
 
 MAX_NEWCOMERS = MAX_REMOTE_CLIENTS // 2
 """Maximum number of clients that a full remote port accepts within GRACE_S."""
 
 
 class ClientConnection(Session):
-    """One client of one port."""
-
     def __init__(
         self, clients: 'ClientConnections', controller: Controller, port: str, client: Client
     ) -> None:
@@ -214,11 +207,11 @@ class ClientConnection(Session):
 
     @property
     def eviction_priority(self) -> tuple[bool, bool, bool, float]:
-        """The sort key for a full remote port, where the client with the lowest key is evicted.
+        """The sort key of a client. A full remote port evicts the client with the lowest key.
 
-        Its parts in order of precedence: whether the client is new, is on this machine, has an
-        accepted command such as a login, and the time of its last command, s. A client that waits
-        for the answer to `$Execute` has no advantage.
+        Its parts in order of precedence: whether the client is new, whether it is on this machine,
+        whether one of its commands, such as a login, was accepted, and the time of its last
+        command, s. A client that waits for the answer to `$Execute` has no advantage.
         """
         session = self.session
         if not isinstance(session, RemoteSession):
@@ -227,7 +220,6 @@ class ClientConnection(Session):
         return new, self.local, session.has_accepted_command, session.last_command_time
 
     def receive(self, data: bytes) -> None:
-        """Process bytes from the client. Raises FrameError if frame synchronization is lost."""
         data = self._transport.receive(data)
         if not data or not self._open:
             return
@@ -238,7 +230,6 @@ class ClientConnection(Session):
             raise
 
     def hang_up(self) -> None:
-        """Close the connection immediately, dropping unprocessed input."""
         self._abort()
         self.closed()
 
@@ -248,7 +239,6 @@ class ClientConnection(Session):
         self.closed()
 
     def closed(self) -> None:
-        """End the session after the client has disconnected."""
         if self._open:
             self._open = False
             self._clients.remove(self)
@@ -259,7 +249,7 @@ class ClientConnection(Session):
 class ClientConnections:
     """All client connections of one controller. `spel`: ports of its SPEL+ program, if any."""
 
-    def __init__(self, controller: Controller, spel: ProgramPorts | None = None) -> None:
+    def __init__(self, controller: Controller, spel: ProgramNetwork | None = None) -> None:
         self._controller = controller
         self._spel = spel
         self._connections: list[ClientConnection] = []
@@ -268,10 +258,10 @@ class ClientConnections:
     def connect(self, port: str, client: Client) -> ClientConnection:
         """Start to serve a client of `port`: motion, state, io or remote.
 
-        The connection's `closed` must be called when it ends for any reason. If the remote port is
-        full, a new client replaces another one, so an E-stop command always gets through. If all
-        its clients are on this machine, a client on another machine is refused instead. Raises
-        ConnectionRefusedError, with the reason, if the client is refused.
+        The caller calls the connection's `closed` when the connection ends for any reason. If the
+        remote port is full, a new client replaces another one, so an E-stop command always gets
+        through. If all its clients are on this machine, a client on another machine is refused
+        instead. Raises ConnectionRefusedError, with the reason, if the client is refused.
         """
         reason = self._rejection(port)
         if reason is None and port == 'remote':
@@ -283,34 +273,29 @@ class ClientConnections:
         return connection
 
     def session(self, port: str, send: Send, client: Client) -> Session:
-        """Return a new session with a client of the port."""
         if self._spel is not None and port != 'remote':
             return self._spel.session(port, send, client.close)
         return _open(self._controller, port, send, client)
 
     def remove(self, connection: ClientConnection) -> None:
-        """Remove a closed connection."""
         self._connections.remove(connection)
 
     def hang_up(self, *ports: str) -> None:
-        """Close the connections of all clients of the ports."""
         for connection in self._of(*ports):
             connection.hang_up()
 
     def disconnect_after_flush(self, port: str) -> None:
-        """Close the connections of all clients of the port once all bytes are sent."""
         for connection in self._of(port):
             connection.disconnect_after_flush()
 
     def has_client(self, port: str) -> bool:
-        """Return whether a port has a client."""
         return bool(self._of(port))
 
     def make_room(self, port: str) -> None:
-        """Disconnect the port's oldest client, unless the arm moves or has points to execute."""
+        """Disconnect the oldest client of `port`, unless the arm is in motion or has points."""
         connections = self._of(port)
         if connections and not self._controller.moving:
-            _log.warning('the oldest %s client is disconnected for a new one', port)
+            _log.warning('the oldest %s client is disconnected to admit a new client', port)
             connections[0].hang_up()
 
     def dismiss_remote(self, why: str) -> None:
@@ -318,8 +303,13 @@ class ClientConnections:
         key = attrgetter('eviction_priority')
         connection = min(self._of('remote'), key=key, default=None)
         if connection is not None:
-            known = 'had an accepted command' if connection.eviction_priority[2] else 'was pending'
-            _log.warning('a remote client is disconnected for a new one, it %s: %s', known, why)
+            accepted = 'an' if connection.eviction_priority[2] else 'no'
+            _log.warning(
+                'a remote client that has sent %s accepted command is disconnected '
+                'to admit a new client: %s',
+                accepted,
+                why,
+            )
             connection.hang_up()
 
     def _of(self, *ports: str) -> list[ClientConnection]:
@@ -330,34 +320,38 @@ class ClientConnections:
         sessions = [connection.session for connection in self._of('remote')]
         one = self._controller.profile.remote.clients == 1
         if one and any(isinstance(item, RemoteSession) and item.logged_in for item in sessions):
-            raise ConnectionRefusedError('a client is logged in, only one is served')
+            raise ConnectionRefusedError(
+                'another client is logged in, and only one may be logged in at a time'
+            )
 
     def boot(self, seconds: float) -> None:
-        """Close all connections, and refuse new ones for `seconds`."""
         if self._boot is not None:
             self._boot.cancel()
         self._boot = self._controller.clock.after(seconds, self._booted)
         self.hang_up(*{connection.port for connection in self._connections})
+
+    @property
+    def boots(self) -> bool:
+        return self._boot is not None
 
     def _booted(self) -> None:
         self._boot = None
         _log.info('booted')
 
     def _rejection(self, port: str) -> str | None:
-        if self._boot is not None:
+        if self.boots:
             return 'the controller boots'
         if self._controller.faults.rejects(port):
             return 'the fault `cut` is active'
         if self._spel is not None and port != 'remote':
             return self._spel.rejection(port)
-        if port != 'remote' and self._controller.profile.program.interface == 'statements':
+        if port != 'remote' and not self._controller.profile.program.loaded:
             return 'no program is loaded'
         if port == 'motion' and self.has_client(port):
             return 'another motion client is connected'
         return None
 
     def _make_room(self, client: Client) -> str | None:
-        """Make room for one more remote client. Return why it is refused, or None."""
         connections = self._of('remote')
         if len(connections) < MAX_REMOTE_CLIENTS:
             return None
@@ -385,7 +379,7 @@ def _open(controller: Controller, port: str, send: Send, client: Client) -> Sess
             )
         case 'remote':
             return RemoteSession(controller, send, client.close)
-    raise ValueError(f'{port} must be a port')
+    raise ValueError(f'{port} must be motion, state, io or remote')
 
 
 def _no_io(controller: Controller) -> str | None:

@@ -3,8 +3,8 @@
 """The time of the controller, which its caller advances, and its timers.
 
 The clock never reads the real time. The same calls therefore give the same results, and a
-simulation can run faster than real time. A late call runs the missed timers in order, each at its
-own due time. A periodic timer limits the number of calls that it catches up on.
+simulation can run faster than real time. After a long step the missed timers run in order, each at
+its own due time. A periodic timer makes up for a limited number of missed calls.
 """
 
 import heapq
@@ -14,15 +14,11 @@ from itertools import count
 Action = Callable[[], None]
 
 MIN_TIMERS_TO_SWEEP = 64
-"""Number of timers below which cancelled ones are not removed."""
+"""Number of stored timers from which cancelled timers are removed."""
 
 
 class Timer:
-    """A scheduled action, once or every `period` s, until it is cancelled.
-
-    `Clock.after` and `Clock.every` create timers. `due`: time of the next call, s. `catch_up`:
-    maximum number of missed calls that are made late, see `Clock.every`.
-    """
+    """A scheduled action, once or every `period` s, see `Clock.every`."""
 
     __slots__ = ('action', 'catch_up', 'due', 'period')
 
@@ -35,7 +31,6 @@ class Timer:
         self.catch_up = catch_up
 
     def cancel(self) -> None:
-        """Cancel the action. Repeated calls, and calls after the action, are allowed."""
         self.action = None
 
 
@@ -44,14 +39,13 @@ def _nothing(_seconds: float) -> None:
 
 
 class Clock:
-    """Time `now` since the start, s, and timers in the order of their due times.
+    """A clock with timers. `now`: current time, s. `until`: time to which it advances, s.
 
-    Timers with the same due time act in the order in which they were set, so a simulation is
-    reproducible.
+    Timers that are due at the same time run in the order of their creation.
     """
 
     def __init__(self) -> None:
-        self.now = 0.0
+        self.now = self.until = 0.0
         self._timers: list[tuple[float, int, Timer]] = []
         self._numbers = count()
         self._sweep_threshold = MIN_TIMERS_TO_SWEEP
@@ -63,13 +57,11 @@ class Clock:
 
     @property
     def next_due(self) -> float | None:
-        """Due time of the next timer, s, or None if no timer is active."""
         while self._timers and self._timers[0][2].action is None:
             heapq.heappop(self._timers)
         return self._timers[0][0] if self._timers else None
 
     def after(self, delay: float, action: Action) -> Timer:
-        """Schedule a call of `action` in `delay` ≥ 0 s."""
         return self._set(Timer(self.now + delay, action))
 
     def every(self, period: float, action: Action, first: float = 0.0, catch_up: int = 0) -> Timer:
@@ -84,10 +76,11 @@ class Clock:
         """Advance the time to `until`, and run the timers due by then.
 
         The time proceeds from one timer to the next. Before each timer, and once at the end,
-        `elapse` is called with the time elapsed since its last call, s. The core advances the arm
-        by this time, so each action sees the arm's position at its due time, however late this
-        call is. Timers set by an action run in the same call if they are due by `until`.
+        `elapse` is called with the time, s, since its previous call. The core then advances the
+        arm by this time, so each action sees the arm's position at the action's due time, however
+        late this call is. Timers set by an action run in the same call if they are due by `until`.
         """
+        self.until = until
         while (due := self.next_due) is not None and due <= until:
             timer = self._timers[0][2]
             if timer.period is not None and self._skip(timer, timer.period, until):
@@ -103,7 +96,6 @@ class Clock:
         elapse(elapsed)
 
     def _skip(self, timer: Timer, period: float, until: float) -> bool:
-        """Skip the missed calls of a periodic timer. Return whether any were skipped."""
         too_many = int((until - timer.due) / period) - timer.catch_up
         if too_many <= 0:
             return False
@@ -129,7 +121,7 @@ class Clock:
         return timer
 
     def _drop_cancelled(self) -> None:
-        """Remove cancelled timers, so that memory is bounded by the active ones."""
+        """Remove cancelled timers, so the memory depends only on the active ones."""
         self._timers = [entry for entry in self._timers if entry[2].action is not None]
         heapq.heapify(self._timers)
         self._sweep_threshold = max(MIN_TIMERS_TO_SWEEP, 2 * len(self._timers))

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The core of the simulated controller: its condition, and the effects on arm and program.
+"""The core of the simulated controller: its condition, and how it affects arm and program.
 
 Operator actions (`apply`), client bytes (`connect` and its sessions) and time (`step`) are
 function calls. Replies are passed to the clients' `send` functions. The same calls with the same
@@ -21,6 +21,7 @@ from epson_driver.robots import RobotModel
 from epson_driver.sim_controller import state as state_port
 from epson_driver.sim_controller.arm.simulated_arm import Servo, SimulatedArm
 from epson_driver.sim_controller.arm.streaming import DeadlineCounters, Planner
+from epson_driver.sim_controller.arm.target_motion import TargetMotion
 from epson_driver.sim_controller.clock import Clock
 from epson_driver.sim_controller.condition.errors import (
     TEXTS,
@@ -66,7 +67,9 @@ from epson_driver.simple_message import (
     JointPosition,
     Packet,
     Status,
+    ValidFields,
     encode,
+    joint_data,
 )
 from epson_driver.simple_message import Mode as StatusMode
 
@@ -79,38 +82,48 @@ _NO_PLANNER = Rejection(
 _BORROWED = Rejection(ErrorNumber.MOTION_ABORTED, 'a command of $Execute moves the arm')
 
 CYCLE_PERIOD_S = 0.004
-"""Period of the motion control, s."""
 
 MAX_PUSH = {'rad': np.radians(1.0), 'm': 0.001}
-"""Unit of a joint → its largest push, rad or m, that causes no servo error."""
+"""Unit of a joint → the largest push that causes no servo error, rad or m."""
 
 
 class Clients(Protocol):
     """The clients of all ports, as used by the core. `ClientConnections` implements it."""
 
-    def connect(self, port: str, client: Client) -> Session:
-        """Start to serve a client. Raises ConnectionRefusedError if it is refused."""
+    @property
+    def boots(self) -> bool: ...
 
-    def hang_up(self, *ports: str) -> None:
-        """Close the connections of all clients of the ports."""
+    def connect(self, port: str, client: Client) -> Session: ...
 
-    def disconnect_after_flush(self, port: str) -> None:
-        """Close the connections of all clients of the port once all bytes are sent."""
+    def hang_up(self, *ports: str) -> None: ...
 
-    def has_client(self, port: str) -> bool:
-        """Return whether a port has a client."""
+    def disconnect_after_flush(self, port: str) -> None: ...
 
-    def make_room(self, port: str) -> None:
-        """Disconnect the port's oldest client, unless the arm moves or has points to execute."""
+    def has_client(self, port: str) -> bool: ...
 
-    def check_login(self) -> None:
-        """Raise ConnectionRefusedError if a client is logged in and only one is allowed."""
+    def make_room(self, port: str) -> None: ...
 
-    def dismiss_remote(self, why: str) -> None:
-        """Disconnect the remote client that is evicted first, if any, and log the reason `why`."""
+    def check_login(self) -> None: ...
 
-    def boot(self, seconds: float) -> None:
-        """Close all connections, and refuse new ones for `seconds`."""
+    def dismiss_remote(self, why: str) -> None: ...
+
+    def boot(self, seconds: float) -> None: ...
+
+
+class RealTime(Protocol):
+    """Real-time Motion Control, as used by the core. `RtmcPort` implements it."""
+
+    motion: TargetMotion
+
+    @property
+    def enabled(self) -> bool:
+        """Whether Real-time Motion Control controls the arm."""
+
+    def react(self) -> None:
+        """React to a change of the condition."""
+
+    def boot(self) -> None:
+        """Restart after a power cycle of the controller."""
 
 
 class Controller:
@@ -129,6 +142,7 @@ class Controller:
     """Function that creates the program for the statements of $Execute."""
 
     tables: Tables = REGIONS
+    real_time: RealTime | None = None
 
     def __init__(
         self,
@@ -155,7 +169,7 @@ class Controller:
             seed,
             self,
             len(model.joint_names),
-            remote_only=profile.program.interface == 'statements',
+            link={'statements': 'remote', 'rtmc': 'rtmc'}.get(profile.program.interface, ''),
         )
         self.spel = SpelSettings(profile.motion.speed, profile.motion.accel)
         self._command_window: CommandWindow | None = None  # created when first used
@@ -173,10 +187,7 @@ class Controller:
     # Actions of operators and clients.
 
     def apply(self, event: Event) -> None:
-        """Apply an event, and its effects on arm and program.
-
-        Raises RejectedError if the controller does not allow the event now.
-        """
+        """Apply an event and its effects. Raises RejectedError if it is not allowed now."""
         before = self.condition
         off = before.motors is Motors.OFF
         if self.in_motion and (event is Event.RESET or (event is Event.MOTORS_ON and off)):
@@ -199,27 +210,26 @@ class Controller:
             self._clear_error()
             for program in self._programs():
                 program.boot()
+            if self.real_time is not None:
+                self.real_time.boot()
         if event in DEFAULTS_AFTER:
             self.reset_settings()
         self._react(before)
         self.apply_power()
+        if self.real_time is not None:
+            self.real_time.react()
         self._handle_standstill()
         if event in (Event.RESET, Event.BOOT):
             self._reapply_buttons()
 
     def _reapply_buttons(self) -> None:
-        """Apply a pressed E-stop and an open door again, after reset and boot."""
         if self.condition.estop is EStop.PRESSED:
             self.apply(Event.ESTOP_PRESS)
         if self.condition.door is Door.OPEN:
             self.apply(Event.DOOR_OPEN)
 
     def connect(self, port: str, client: Client) -> Session:
-        """Start to serve a client of `port`: motion, state, io or remote.
-
-        The session's `closed` must be called when its connection ends for any reason. Raises
-        ConnectionRefusedError, with the reason, if the client is refused.
-        """
+        """Start to serve a client of `port`. Raises ConnectionRefusedError if it is refused."""
         return self.clients.connect(port, client)
 
     @property
@@ -235,7 +245,10 @@ class Controller:
             yield self._command_window
 
     def client_connected(self) -> None:
-        """React to a new motion client. An arm that waited for a client resumes its motion."""
+        """React to a new motion client.
+
+        An arm that was waiting for a client resumes its motion.
+        """
         self._end_command('a client of the motion port connected')
         if self.profile.server.lost_client == 'brake':
             self.program.restart()
@@ -249,7 +262,6 @@ class Controller:
             self._command_window.abort_command(f'the command was aborted: {why}')
 
     def client_lost(self) -> None:
-        """React to the loss of the motion client, as the profile's `lost_client` specifies."""
         lost = self.profile.server.lost_client
         if lost == 'brake':
             self.apply(Event.CLIENT_LOST)
@@ -262,8 +274,9 @@ class Controller:
     def raise_error(self, number: int, critical: bool = False, text: str = '') -> None:
         """Set an error, which cuts the motor power and aborts the tasks.
 
-        The error lasts until a reset, or if `critical`, until a boot. `text`: the error message of
-        a SPEL+ program, already logged (empty: the text of `number` is logged).
+        The error lasts until a reset, or until a boot if it is `critical`. `text`: the error
+        message of a SPEL+ program, which is already logged (empty: the text of `number` is
+        logged).
         """
         if self.condition.fault is not Fault.CRITICAL:
             self._error, self._error_text = number, text
@@ -275,10 +288,7 @@ class Controller:
         self._error, self._error_text = ErrorNumber.NONE, ''
 
     def reboot(self, seconds: float) -> None:
-        """Power-cycle the controller, which takes `seconds`.
-
-        E-stop button, door and key switch keep their positions.
-        """
+        """Power-cycle the controller. E-stop button, door and key switch keep their positions."""
         self.clients.boot(seconds)
         self.apply(Event.BOOT)
 
@@ -306,21 +316,14 @@ class Controller:
         self._handle_standstill()
 
     def freeze(self, joint: int | None) -> None:
-        """Freeze the encoder of one joint (index from 0). None unfreezes all encoders."""
         self.servo.freeze(joint)
 
     def servo_error(self, joint: int, critical: bool = False) -> None:
-        """Trigger a servo error of one joint (index from 0)."""
         _log.error('servo error of %s', self.model.joint_names[joint])
         self.raise_error(ErrorNumber.SERVO_ERROR, critical)
 
     def press_estop(self) -> None:
-        """Press the E-stop."""
         self.apply(Event.ESTOP_PRESS)
-
-    def show(self, rejection: Rejection) -> None:
-        """Show the error of a refused message in STATUS."""
-        self.errors.enter(rejection)
 
     def planner_failed(self, reason: str) -> None:
         """Brake and end the trajectory because smooth motion has failed.
@@ -330,15 +333,16 @@ class Controller:
         """
         self.timing.planner_failures += 1
         alarm = self.moving and self.profile.state.errors == 'alarms'
-        self.show(Rejection(ErrorNumber.PLANNER_FAILED, f'the motion planner: {reason}'))
+        self.errors.enter(Rejection(ErrorNumber.PLANNER_FAILED, f'the motion planner: {reason}'))
         self.program.restart()
         if alarm:
             self.raise_error(ErrorNumber.PLANNER_FAILED)
 
     def tasks(self) -> Iterable[TaskRow]:
-        """Yield the tasks for display."""
         tasks = self.program.tasks()
-        return tasks if tasks is not None else rows(self.condition)
+        if tasks is None:
+            return rows(self.condition) if self.profile.program.loaded else ()
+        return tasks
 
     # Time.
 
@@ -347,50 +351,43 @@ class Controller:
 
         The clock proceeds from one timer to the next. Before each timer the arm advances to the
         timer's due time (`_move`). `SimulatedArm.step` calls `Program.step`, which steps the
-        executor and supplies the next point if the arm completes one within this time. Finally the
-        servos follow the commanded motion.
+        executor. If the arm completes a point within this time, the program supplies the next one.
+        Finally the servos follow the commanded motion.
         """
         self.clock.advance(self.clock.now + dt, self._move)
 
     @property
-    def program_runs(self) -> bool:
-        """Whether the program has running tasks, so the controller is not Ready."""
-        return self.program.runs
-
-    @property
     def in_motion(self) -> bool:
-        """Whether the arm moves or is about to move."""
         return self.arm.in_motion
 
     @property
-    def commanded(self) -> Array:
-        """The commanded joint positions now, shape (n,), rad or m."""
-        return self.arm.commanded
-
-    @property
     def moving(self) -> bool:
-        """Whether the arm moves or has points to execute, even during a pause."""
         return self.arm.moving
 
     def _move(self, dt: float) -> None:
-        """Advance the arm by `dt` ≥ 0 s, during which no timer is due."""
         if self.in_motion:
-            by_program = self.arm.executor is self.arm.program_executor
-            self.arm.step(dt, self.program.step if by_program else self.command_window.step)
+            self.arm.step(dt, self._execute)
             self._handle_standstill()
         while self._reported_points < self.arm.program_executor.started_points:
             self._reported_points += 1
             self.faults.point_started()
 
+    def _execute(self, dt: float) -> None:
+        """Advance the executor that controls the arm by `dt` ≥ 0 s."""
+        if self.arm.executor is self.arm.program_executor:
+            self.program.step(dt)
+        elif self.real_time is not None and self.arm.executor is self.real_time.motion:
+            self.real_time.motion.step(dt)
+        else:
+            self.command_window.step(dt)
+
     # State.
 
     def change_setting(self, name: str, numbers: tuple[float, ...]) -> None:
-        """Set a SPEL+ setting such as Speed to `numbers`, which must be within its range."""
         self.spel.change(name, numbers)
         self._apply_settings()
 
     def reset_settings(self) -> None:
-        """Reset Speed, Accel and the other settings to their initial values."""
         self.spel.reset()
         self._apply_settings()
 
@@ -400,28 +397,30 @@ class Controller:
 
     @property
     def error_number(self) -> int:
-        """The error shown in STATUS. It is TASK_ABORTED during an E-stop."""
-        if self.condition.estopped:
+        """The error shown. During an E-stop, a loaded program shows TASK_ABORTED."""
+        if self.condition.estopped and self.profile.program.loaded:
             return ErrorNumber.TASK_ABORTED
         return self._error or self.errors.number
 
     def error_text(self, number: int) -> str:
-        """Return the text of an error number, or for the current error, the program's message."""
+        """Return the text of an error number.
+
+        For the current error of a SPEL+ program, this is the program's message.
+        """
         message = self._error_text if number == self.error_number == self._error else ''
         return message or TEXTS.get(number, 'see the manual')
 
     def joint_position(self) -> JointPosition:
-        """Return the joint positions that the encoders report."""
-        return state_port.joint_position(self.servo.position)
+        return JointPosition(0, joint_data(self.servo.position.tolist()))
 
     def joint_feedback(self) -> JointFeedback:
-        """Return joint positions and velocities, with a time stamp if the profile specifies it."""
-        servo = self.servo
-        now = self.clock.now if self.profile.state.feedback_time else None
-        return state_port.joint_feedback(servo.position, servo.velocity, now)
+        fields, now = ValidFields.POSITION | ValidFields.VELOCITY, 0.0
+        if self.profile.state.feedback_time:
+            fields, now = fields | ValidFields.TIME, self.clock.now
+        values = (self.servo.position, self.servo.velocity)
+        return JointFeedback(0, fields, now, *(joint_data(item.tolist()) for item in values))
 
     def status(self) -> Status:
-        """Return the current STATUS message."""
         alarms = self.profile.state.errors == 'alarms'
         return state_port.status(
             self.condition,
@@ -431,7 +430,6 @@ class Controller:
         )
 
     def version(self) -> GetVersion:
-        """Return the program's version, which shows clients whether it has a watchdog."""
         watches = self.profile.server.client_timeout > 0.0
         return GetVersion(VERSION if watches else WITHOUT_WATCHDOG)
 
@@ -450,7 +448,8 @@ class Controller:
         if now.tasks is before.tasks:
             return
         if now.tasks is Tasks.RECOVERING:
-            self._recover()
+            if now.motors is Motors.ON and self.arm.executor.moving:
+                self.arm.start_recovery()
         elif now.tasks in (Tasks.PAUSED, Tasks.INTERRUPTED, Tasks.WAIT_RECOVER):
             for program in self._programs():
                 program.pause()
@@ -461,20 +460,11 @@ class Controller:
                 program.resume()
 
     def _resume_arm(self) -> None:
-        """Resume the arm after a hold, unless the arm waits for a motion client."""
         if not self._unattended:
             self.arm.executor.resume()
 
-    def _recover(self) -> None:
-        """Return slowly to the point of interruption, if the arm has power and points."""
-        if self.condition.motors is Motors.ON and self.arm.executor.moving:
-            self.arm.start_recovery()
-
     def _handle_standstill(self) -> None:
-        """If the arm is at rest, take the actions that wait for standstill.
-
-        These are: resume at low power, end the recovery, and switch the motors off.
-        """
+        """Perform the actions that wait for standstill, if the arm is at rest."""
         if self.in_motion:
             return
         self._log_failures()
@@ -507,7 +497,6 @@ class Controller:
             self.apply(Event.PROGRAM_POWER_HIGH)
 
     def motion_rejection(self) -> Rejection | None:
-        """Return why a point is refused now, or None."""
         rejection = state_port.motion_rejection(self.condition)
         if rejection is None and self.arm.executor is not self.arm.program_executor:
             return _BORROWED
@@ -516,21 +505,19 @@ class Controller:
         return rejection
 
     def command_rejection(self) -> Rejection | None:
-        """Return why a statement of $Execute cannot move the arm, or None.
+        """Return why a statement of $Execute may not move the arm, or None.
 
-        Unlike a point, such a statement needs no running tasks.
+        Unlike `motion_rejection`, this does not require running tasks.
         """
         return state_port.motion_rejection(replace(self.condition, tasks=Tasks.RUNNING))
 
     def _log_failures(self) -> None:
-        """Log the timing and planning failures during the motion that has ended, if any."""
         sentence = self.timing.since(self._reported)
         if sentence:
             _log.warning('in this motion: %s', sentence)
             self._reported = copy.copy(self.timing)
 
     def send_reply(self, packet: Packet) -> None:
-        """Send a reply to the motion client, if one is connected."""
         if self.reply is not None:
             self.reply(encode(packet, self.dialect))
 

@@ -3,10 +3,11 @@
 """Interfaces of the controller's ports and programs, without sockets.
 
 A session serves one client of a port: it receives bytes, and sends bytes with the client's `send`.
-`network/port_server.py` connects sessions to sockets. Tests call them directly.
+`network/port_server.py` connects sessions to sockets. Tests call sessions directly.
 """
 
 import logging
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from typing import Protocol
 
@@ -29,20 +30,16 @@ from epson_driver.simple_message import (
 from epson_driver.spel import SpelError
 
 Send = Callable[[bytes], None]
-"""Function that sends the bytes of one message or line."""
 
 
 class Session(Protocol):
     """The session of one client of a port."""
 
     def receive(self, data: bytes) -> None:
-        """Process bytes from the client, in any segmentation.
-
-        Raises FrameError if frame synchronization is lost. The connection must then be closed.
-        """
+        """Process bytes, in any segmentation. The connection must be closed after a FrameError."""
 
     def closed(self) -> None:
-        """End the session after the client has disconnected. Repeated calls are allowed."""
+        """End the session after its client has disconnected. Repeated calls are allowed."""
 
 
 class Client(Protocol):
@@ -50,7 +47,7 @@ class Client(Protocol):
 
     @property
     def local(self) -> bool:
-        """Whether the client runs on the controller's machine."""
+        """Whether the client runs on the same machine as the controller."""
 
     def send(self, data: bytes) -> None:
         """Send bytes, or drop them if the connection is closed."""
@@ -62,63 +59,31 @@ class Client(Protocol):
         """Close immediately and drop unsent bytes."""
 
 
-class ClientSession(Session, Protocol):
-    """The session of a port that a SPEL+ program has opened as a client.
-
-    `is_open`: whether the program has not closed the port yet.
-    """
-
-    name: str
-    is_open: bool
-
-    @property
-    def tcp_port(self) -> int:
-        """The TCP port of the peer."""
-
-    def start(self, send: Send, close: Callable[[], None]) -> None:
-        """Start the session with a connected peer."""
-
-
-class ProgramPorts(Protocol):
-    """The ports that a SPEL+ program opens."""
-
-    listen: Callable[[int], None]
-    """Called with a TCP port that the program opens as a server. May raise OSError.
-
-    It is not called for the controller's own ports, which are always open.
-    """
-
-    connect: Callable[[ClientSession], None] | None
-    """Called with a port that the program opens as a client (None: no network)."""
-
-    def rejection(self, port: str) -> str | None:
-        """Return why a client of a port cannot be served now, or None."""
-
-    def session(self, port: str, send: Send, close: Callable[[], None]) -> Session:
-        """Return the session for an accepted client. It calls `close` to disconnect the client."""
-
-
 Answer = Callable[[str | SpelError], None]
-"""Function that is called with the output of a statement ('' for none), or with its error."""
+"""Function that gets the output of a statement ('' if it has none), or its error."""
 
 
-class Program(Protocol):
+class Program(ABC):
     """A program that moves the arm and answers the messages of the motion client."""
 
     @property
     def ready(self) -> bool:
         """Whether the program itself is ready to accept points."""
+        return True
 
     @property
     def runs(self) -> bool:
-        """Whether a SPEL+ task other than a background task is running.
+        """Whether a SPEL+ task other than a background task runs.
 
-        If so, the controller is not Ready. The built-in programs do not count.
+        In this case the controller is not Ready.
         """
+        return False
 
+    @abstractmethod
     def receive(self, frame: Frame) -> None:
-        """Execute, queue or refuse one frame."""
+        """Execute, queue or refuse one message."""
 
+    @abstractmethod
     def step(self, dt: float) -> None:
         """Advance the executor by `dt` ≥ 0 s and supply its points.
 
@@ -126,73 +91,75 @@ class Program(Protocol):
         by the remaining time. So the step size does not cause pauses between points.
         """
 
+    @abstractmethod
     def abort(self) -> None:
         """Brake, and answer all unanswered points with FAILURE."""
 
+    @abstractmethod
     def restart(self) -> None:
         """Abort, and discard the trajectory."""
 
-    def detach(self) -> None:
+    def detach(self) -> None:  # noqa: B027
         """Discard the unacknowledged points of a client that has disconnected."""
 
+    @abstractmethod
     def pause(self) -> None:
-        """Supply no points to the arm, and acknowledge no points, until `resume`.
+        """Supply no points to the paused arm, and acknowledge none, until `resume`.
 
-        Invalid points are still refused, and STOP still works. The caller pauses the arm. Repeated
-        calls are allowed.
+        A STOP is still executed.
         """
 
+    @abstractmethod
     def resume(self) -> None:
         """Resume after `pause`."""
 
-    def boot(self) -> None:
-        """Restart after a power cycle of the controller."""
+    def boot(self) -> None:  # noqa: B027
+        """Restart after a power cycle."""
 
     def tasks(self) -> Iterable[TaskRow] | None:
-        """Return the tasks to display, or None to display those of condition/tasks.py."""
+        """Return the tasks to display, or None for the tasks of condition/tasks.py."""
+        return None
 
 
-class CommandWindow(Program, Protocol):
-    """A SPEL+ program that can also execute commands (the text of $Execute), one at a time."""
+class CommandWindow(Program):
+    """A SPEL+ program that can also execute commands, one at a time.
+
+    A command is the text of `$Execute`.
+    """
 
     @property
+    @abstractmethod
     def executes(self) -> bool:
         """Whether a command is executing."""
 
+    @abstractmethod
     def execute(self, text: str, answer: Answer) -> None:
-        """Start a command, and call `answer` at its end, possibly within this call.
+        """Start a command. `answer` is called when it has ended, possibly within this call.
 
-        Raises ProgramError if the command is invalid, RuntimeError if another one is executing.
+        Raises ProgramError if the command is invalid, RuntimeError if another command is
+        executing.
         """
 
+    @abstractmethod
     def abort_command(self, why: str) -> None:
         """Brake and end the current command, if any."""
 
 
-VERSION = (0, 2, 0)
-"""Version of the built-in program in GET_VERSION replies: major, minor, patch."""
-
-WITHOUT_WATCHDOG = (0, 1, 0)
-"""Version of a program without a watchdog for a stalled motion client."""
-
+VERSION = (0, 2, 0)  # version of the built-in program: major, minor, patch
+WITHOUT_WATCHDOG = (0, 1, 0)  # version of a program without a watchdog
 Answers = Mapping[int, Callable[[], Message]]
-"""Message type → function that returns the body of the reply to such a request."""
-
 UNANSWERED = (CommType.TOPIC, CommType.SERVICE_REPLY)
-"""Communication types of messages that are not answered."""
-
 _log = logging.getLogger(__name__)
 
 
 def failure(msg_type: int) -> Packet:
-    """Return a reply with FAILURE and an empty body."""
     return reply(Opaque(msg_type), ReplyCode.FAILURE)
 
 
 def answer(packet: Packet, answers: Answers) -> Packet | None:
     """Return the reply to a request, or None for topics and replies, which are not answered.
 
-    `answers` has precedence over the default answers, except for PING.
+    `answers` replace the default answers, except for PING.
     """
     if packet.comm_type is not CommType.SERVICE_REQUEST:
         return None
@@ -206,10 +173,9 @@ def answer(packet: Packet, answers: Answers) -> Packet | None:
 
 
 def answer_frame(frame: Frame, answers: Answers) -> Packet | None:
-    """Return the reply to a frame that may have an invalid header or body, see `answer`.
+    """Return the reply to a frame, like `answer`. The header or body may be invalid.
 
-    Topics and replies are not answered, because two peers could otherwise answer each other
-    forever.
+    Topics and replies get no answer, because two peers could otherwise answer each other forever.
     """
     try:
         return answer(decode(frame), answers)

@@ -7,8 +7,8 @@ ended, or one has ended with an error. Operator actions (`pendant io`, E-stop, d
 port.
 
 In `spel test`, each function named Test… runs on a separate controller, as fast as this machine
-allows. A test passes if it ends without an unhandled error. It fails with a statement such as `If
-x <> 3 Then Error 8001`.
+allows. A test passes if it ends without an unhandled error. A statement such as `If x <> 3 Then
+Error 8001` makes it fail.
 """
 
 import asyncio
@@ -21,7 +21,6 @@ from dataclasses import dataclass, field
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.assembly import (
-    SpelSource,
     new_controller,
     program_network,
     with_all_boards,
@@ -30,8 +29,8 @@ from epson_driver.sim_controller.condition.states import Fault, Tasks
 from epson_driver.sim_controller.core import CYCLE_PERIOD_S, Controller
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
-from epson_driver.sim_controller.spel_host.spel_host import KeptText, Unattended
-from epson_driver.sim_controller.spel_host.spel_program import MAIN, SpelProgram
+from epson_driver.sim_controller.spel_host.spel_program import MAIN, SpelProgram, SpelSource
+from epson_driver.sim_controller.spel_host.terminals import KeptText, Unattended
 from epson_driver.spel import (
     Caller,
     Position,
@@ -42,13 +41,9 @@ from epson_driver.spel import (
 from epson_driver.spel.code import FunctionCode
 
 POLL_PERIOD_S = 0.02
-"""Polling period for the end of the program, s of the controller's time."""
+LONGEST_S = 600.0  # maximum duration of a fast run or a test, in the controller's time
 
-LONGEST_S = 600.0
-"""Time limit of a fast run and of a test, s of the controller's time."""
-
-FAILED, NOT_OVER = 1, 3
-"""Exit codes if a task ended with an error, and if the time limit was reached."""
+FAILED, NOT_OVER = 1, 3  # exit codes
 
 
 class Console(Unattended):
@@ -58,30 +53,27 @@ class Console(Unattended):
         self._typed: deque[str] = deque()
 
     def typed(self, line: str) -> None:
-        """Store a line that the user has typed."""
         self._typed.append(line)
 
     def write(self, _caller: Caller, text: str) -> None:
-        """Print a text."""
         sys.stdout.write(text)
         sys.stdout.flush()
 
     def read_line(self) -> str | None:
-        """Return the next typed line, or None if there is none yet."""
         return self._typed.popleft() if self._typed else None
 
 
 class WaitingConsole(Console):
-    """The terminal of a fast run. The controller's time stops while it waits for a line."""
+    """The terminal of a fast run.
+
+    The controller's time does not advance while the terminal waits for a line.
+    """
 
     def read_line(self) -> str | None:
-        """Wait for a line. Return None at the end of the input."""
         return sys.stdin.readline().removesuffix('\n') or None
 
 
 class Bench:
-    """Creates simulated controllers for SPEL+ programs, with the maximum number of I/O points."""
-
     def __init__(self, robot: str, controller_profile: str) -> None:
         self._model = load_robot_model(robot)
         profile = load_controller_profile(controller_profile)
@@ -94,7 +86,6 @@ class Bench:
         environment: ProgramEnvironment,
         starts: str = MAIN,
     ) -> tuple[Controller, ProgramNetwork]:
-        """Return a controller that has just booted, and the ports of its program."""
         network = program_network(self._profile)
         source = SpelSource(program, network, terminal, environment, starts)
         return new_controller(self._model, self._profile, spel=source), network
@@ -111,7 +102,7 @@ def run(
 ) -> int:
     """Run a program to its end, or for at most `seconds`, and return the exit code.
 
-    `bench`: creates the controller. `remote_port`: TCP port for operator actions. `fast`: run
+    `bench` creates the controller. `remote_port`: TCP port for operator actions. `fast`: run
     without ports, as fast as this machine allows. Raises OSError if a port cannot be opened.
     """
     console = WaitingConsole() if fast else Console()
@@ -175,16 +166,16 @@ def _read_stdin(console: Console, servers: ControllerServers) -> None:
         for line in sys.stdin:
             try:
                 loop.call_soon_threadsafe(typed, line.removesuffix('\n'))
-            except RuntimeError:  # the loop is closed: the program is over
+            except RuntimeError:  # the loop is closed, because the program has ended
                 return
 
     threading.Thread(target=read, daemon=True).start()
 
 
 def _exit_code(controller: Controller) -> int | None:
-    """Return the exit code of a program that has ended, or None while it runs.
+    """Return the exit code of a program that has ended, or None.
 
-    A program that an E-stop has aborted has not ended, because it can be started again.
+    After an E-stop the program has not ended.
     """
     condition = controller.condition
     if condition.fault is not Fault.NONE:
@@ -205,7 +196,10 @@ def _ended(controller: Controller, code: int | None) -> int:
 
 @dataclass(frozen=True, slots=True)
 class TestResult:
-    """The result of a test. `error`: why it failed, or empty. `seconds`: simulated duration, s."""
+    """The result of a test.
+
+    `error`: why the test failed (empty: it passed). `seconds`: simulated duration, s.
+    """
 
     __test__ = False
 
@@ -221,7 +215,6 @@ class TestResult:
 def run_tests(
     program: Program, bench: Bench, names: Callable[[str], bool], environment: ProgramEnvironment
 ) -> Iterator[TestResult]:
-    """Run each test for which `names(name)` returns True, and yield its result."""
     for code in program.functions:
         if code.name.lower().startswith('test') and names(code.name):
             yield run_function(program, code, bench, environment.fresh())
@@ -234,7 +227,6 @@ def run_function(
     environment: ProgramEnvironment,
     max_time: float = LONGEST_S,
 ) -> TestResult:
-    """Run a function instead of main, for at most `max_time` s, and return the result."""
     if code.parameters:
         return TestResult(code.name, code.at, 'a test cannot have parameters', '', 0.0)
     terminal = KeptText()
@@ -258,7 +250,6 @@ def run_function(
 
 
 def covered(results: Iterable[TestResult]) -> dict[str, dict[int, bool]]:
-    """Return file → line with statements → whether any test has executed it."""
     executed: dict[str, dict[int, bool]] = {}
     for result in results:
         for file, lines in result.lines.items():

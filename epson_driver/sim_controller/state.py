@@ -1,8 +1,7 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of the state port, and the reasons why the condition permits no motion."""
+"""The STATUS of the controller, and the reasons why the condition permits no motion."""
 
-from epson_driver.motion import Array
 from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
 from epson_driver.sim_controller.condition.states import (
     REGIONS,
@@ -13,15 +12,8 @@ from epson_driver.sim_controller.condition.states import (
     Motors,
     Tasks,
 )
-from epson_driver.simple_message import (
-    JointFeedback,
-    JointPosition,
-    Status,
-    TriState,
-    ValidFields,
-    joint_data,
-)
 from epson_driver.simple_message import Mode as StatusMode
+from epson_driver.simple_message import Status, TriState
 
 NO_MOTION: dict[EStop | Fault | Tasks | Mode | Motors, Rejection] = {
     EStop.PRESSED: Rejection(
@@ -43,35 +35,17 @@ NO_MOTION: dict[EStop | Fault | Tasks | Mode | Motors, Rejection] = {
     Motors.OFF: Rejection(ErrorNumber.MOTORS_OFF, 'the motors are off: switch the motors on'),
     Motors.BRAKING: Rejection(ErrorNumber.MOTORS_OFF, 'the motors are going off'),
 }
-"""Controller state → reason for refusing points, by precedence. A pause refuses no points."""
+"""Controller state → reason for refusing points. The first match is reported.
+
+A pause is missing, because points are accepted during a pause.
+"""
 
 _MODES = {Mode.AUTO: StatusMode.AUTO, Mode.MANUAL: StatusMode.MANUAL}
 
 
 def motion_rejection(condition: Condition) -> Rejection | None:
-    """Return why the condition permits no motion, or None."""
     states = {getattr(condition, region) for region in REGIONS}
     return next((rejection for state, rejection in NO_MOTION.items() if state in states), None)
-
-
-def joint_position(position: Array) -> JointPosition:
-    """Return the JOINT_POSITION for joint angles, shape (n,), rad."""
-    return JointPosition(0, joint_data(position.tolist()))
-
-
-def joint_feedback(position: Array, velocity: Array, now: float | None) -> JointFeedback:
-    """Return the JOINT_FEEDBACK for positions, shape (n,), rad, and velocities, rad/s.
-
-    now: the controller's time, s. None: the message has no time.
-    """
-    fields = ValidFields.POSITION | ValidFields.VELOCITY
-    return JointFeedback(
-        0,
-        fields if now is None else fields | ValidFields.TIME,
-        0.0 if now is None else now,
-        joint_data(position.tolist()),
-        joint_data(velocity.tolist()),
-    )
 
 
 def status(
@@ -81,10 +55,6 @@ def status(
     in_motion: bool,
     accepts_points: bool,
 ) -> Status:
-    """Return the STATUS of a controller that shows the error number `error`.
-
-    accepts_points: whether the controller accepts points now.
-    """
     none = error == ErrorNumber.NONE
     possible = condition.tasks is Tasks.RUNNING and none and accepts_points
     return Status(

@@ -8,7 +8,8 @@
         ...
 
 `Framer` and `decode` do this in two steps: bytes to frames, then frames to packets.
-`encode(request(JointTrajPt(...)), dialect)` returns the bytes of a packet.
+`encode(request(JointTrajPt(...)), dialect)` returns the bytes of a packet. The modules io_messages
+and motoman have further messages.
 """
 
 from epson_driver.simple_message.constants import (
@@ -33,31 +34,13 @@ from epson_driver.simple_message.constants import (
 )
 from epson_driver.simple_message.framer import Frame, Framer
 from epson_driver.simple_message.io_messages import (
-    ControllerFeature,
     IoAddress,
-    IoFeature,
-    IoInfo,
-    IoInfoReply,
-    IoOutcome,
-    IoPublish,
     IoRange,
-    IoRead,
-    IoReading,
-    IoReadReply,
-    IoReset,
-    IoResetReply,
     IoResult,
     IoSetting,
-    IoSpan,
-    IoSubscribe,
-    IoSubscribeReply,
     IoType,
-    IoUnsubscribe,
-    IoUnsubscribeReply,
-    IoValues,
-    IoWrite,
-    IoWriteReply,
 )
+from epson_driver.simple_message.layouts import Packet, encode, reply, request, topic
 from epson_driver.simple_message.messages import (
     GetVersion,
     JointFeedback,
@@ -73,28 +56,7 @@ from epson_driver.simple_message.messages import (
     Status,
     joint_data,
 )
-from epson_driver.simple_message.motoman import (
-    IoCtrlReply,
-    MotomanIoResult,
-    ReadIoBit,
-    ReadIoBitReply,
-    ReadIoGroup,
-    ReadIoGroupReply,
-    WriteIoBit,
-    WriteIoBitReply,
-    WriteIoGroup,
-    WriteIoGroupReply,
-)
-from epson_driver.simple_message.packets import (
-    Packet,
-    PacketFramer,
-    check_header,
-    decode,
-    encode,
-    reply,
-    request,
-    topic,
-)
+from epson_driver.simple_message.packets import PacketFramer, decode
 
 __all__ = [
     'BIG_ENDIAN',
@@ -103,7 +65,6 @@ __all__ = [
     'BodyError',
     'ByteOrder',
     'CommType',
-    'ControllerFeature',
     'Dialect',
     'FieldError',
     'Frame',
@@ -112,29 +73,10 @@ __all__ = [
     'GetVersion',
     'HeaderError',
     'IoAddress',
-    'IoCtrlReply',
-    'IoFeature',
-    'IoInfo',
-    'IoInfoReply',
-    'IoOutcome',
-    'IoPublish',
     'IoRange',
-    'IoRead',
-    'IoReadReply',
-    'IoReading',
-    'IoReset',
-    'IoResetReply',
     'IoResult',
     'IoSetting',
-    'IoSpan',
-    'IoSubscribe',
-    'IoSubscribeReply',
     'IoType',
-    'IoUnsubscribe',
-    'IoUnsubscribeReply',
-    'IoValues',
-    'IoWrite',
-    'IoWriteReply',
     'JointFeedback',
     'JointPosition',
     'JointTraj',
@@ -145,15 +87,10 @@ __all__ = [
     'Mode',
     'MotionCtrl',
     'MotionReply',
-    'MotomanIoResult',
     'Opaque',
     'Packet',
     'PacketFramer',
     'Ping',
-    'ReadIoBit',
-    'ReadIoBitReply',
-    'ReadIoGroup',
-    'ReadIoGroupReply',
     'Real',
     'ReplyCode',
     'SimpleMessageError',
@@ -161,11 +98,6 @@ __all__ = [
     'Status',
     'TriState',
     'ValidFields',
-    'WriteIoBit',
-    'WriteIoBitReply',
-    'WriteIoGroup',
-    'WriteIoGroupReply',
-    'check_header',
     'decode',
     'encode',
     'joint_data',

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import Enum, IntEnum, IntFlag
 
 MAX_JOINTS = 10
-"""Number of values in a message's joint data. Values of joints that an arm lacks are 0.0."""
+"""Number of values in a message's joint data. For a joint that the arm lacks, the value is 0.0."""
 
 
 class MessageType(IntEnum):
@@ -41,8 +41,6 @@ class MessageType(IntEnum):
 
 
 class CommType(IntEnum):
-    """Second header word: topic, request or reply."""
-
     INVALID = 0
     TOPIC = 1
     SERVICE_REQUEST = 2
@@ -50,7 +48,7 @@ class CommType(IntEnum):
 
 
 class ReplyCode(IntEnum):
-    """Third header word: INVALID in topics and requests, SUCCESS or FAILURE in replies."""
+    """Third header word. It is INVALID in topics and requests."""
 
     INVALID = 0
     SUCCESS = 1
@@ -67,8 +65,6 @@ class SpecialSequence(IntEnum):
 
 
 class TriState(IntEnum):
-    """Values of the STATUS fields that can be unknown."""
-
     UNKNOWN = -1
     FALSE = 0
     TRUE = 1
@@ -92,15 +88,11 @@ class ValidFields(IntFlag):
 
 
 class ByteOrder(Enum):
-    """Byte order of all words. The value is the prefix of a `struct` format."""
-
     LITTLE = '<'
     BIG = '>'
 
 
 class Real(Enum):
-    """Width of the protocol's real numbers. The value is a `struct` code."""
-
     FLOAT32 = 'f'
     FLOAT64 = 'd'
 
@@ -112,7 +104,6 @@ class Dialect:
     byte_order: ByteOrder = ByteOrder.LITTLE
     real: Real = Real.FLOAT32
     number: int = field(init=False, repr=False, compare=False)
-    """Index of an equal dialect in `DIALECTS`, 0 to 3."""
 
     def __post_init__(self) -> None:
         number = 2 * (self.byte_order is ByteOrder.BIG) + (self.real is Real.FLOAT64)
@@ -126,17 +117,11 @@ LITTLE_ENDIAN = Dialect()
 BIG_ENDIAN = Dialect(ByteOrder.BIG)
 
 DIALECTS = tuple(Dialect(order, real) for order in ByteOrder for real in Real)
-"""All dialects, in the order of their `number`."""
+"""All dialects, by their `number`."""
 
 
 class SimpleMessageError(ValueError):
-    """An invalid field of a frame or message.
-
-    * `field`: name of the field: `length`, `msg_type`, `comm_type`, `reply_code`, `body`, or a
-      field of the body such as `sequence` or `joints[3]`.
-    * `value`: the invalid value.
-    * `rule`: description of the valid values.
-    """
+    """An invalid value of a field of a frame or message, such as `length` or `joints[3]`."""
 
     def __init__(self, field: str, value: object, rule: str) -> None:
         super().__init__(f'{field} = {value!r}: {rule}')
@@ -158,4 +143,4 @@ class BodyError(SimpleMessageError):
 
 
 class FieldError(SimpleMessageError):
-    """A value that cannot be encoded: a wrong number of items, or out of the field's range."""
+    """A value that cannot be encoded: it has too many or too few items, or is out of range."""

@@ -23,14 +23,14 @@ PREFIX_SIZE = 4
 HEADER_SIZE = 12
 MAX_LENGTH = 0xFFFF
 """Maximum of the field `length`. The longest standard message (JOINT_TRAJ, 200 points, float64)
-needs 20,016. A maximum below 2**16 makes the detection of the byte order unambiguous."""
+needs 20,016. Below 2**16 the detection of the byte order is unambiguous."""
 
 _PREFIX = {order: struct.Struct(order.value + 'i') for order in ByteOrder}
 _HEADER = {order: struct.Struct(order.value + 'iii') for order in ByteOrder}
 
 
 class Frame(NamedTuple):
-    """One received message: the header words, unchecked, and the bytes of the body."""
+    """One received message, with unchecked header words."""
 
     msg_type: int
     comm_type: int
@@ -45,11 +45,10 @@ class Frame(NamedTuple):
 
 
 class Framer:
-    """Splitter of a stream of bytes into frames.
+    """Splits a stream of bytes into frames.
 
-    * `byte_order`: byte order of the frames (None: detected from the first frame).
-    * `max_length`: largest accepted value of a frame's field `length`, ≤ 65,535. At most
-      `max_length + 4` bytes plus the last received chunk are stored.
+    `byte_order`: with None, it is detected from the first frame. `max_length`: maximum of
+    `length`, ≤ 65,535. At most `max_length + 4` bytes, and the last received chunk, are stored.
     """
 
     def __init__(self, byte_order: ByteOrder | None = None, max_length: int = MAX_LENGTH) -> None:
@@ -59,14 +58,12 @@ class Framer:
         self._max_length = max_length
         self._buffer: bytes | bytearray = b''
         self._start = 0
-        """Position of the next frame in the buffer."""
         self._needed = PREFIX_SIZE
-        """Known minimum size of the next frame including its prefix, bytes."""
+        """Minimum size of the next frame, including its prefix, as far as known, bytes."""
         self._bad_length: int | None = None
 
     @property
     def unread(self) -> bytes:
-        """Received bytes that have not been returned as a frame yet."""
         return bytes(self._buffer[self._start :])
 
     def receive_data(self, data: bytes) -> None:
@@ -85,11 +82,11 @@ class Framer:
     def next_frame(self) -> Frame | None:
         """Return the next frame, or None if it is incomplete.
 
-        Raises FrameError if the length is invalid, and at every later call, because the start of
-        the next frame is unknown.
+        Raises FrameError if the length is invalid. Every later call raises it, too, because the
+        start of the next frame is unknown.
         """
         if self._bad_length is not None:
-            raise self._error(self._bad_length)
+            raise self._fail(self._bad_length)
         buffered = len(self._buffer) - self._start
         if buffered < self._needed:
             return None
@@ -124,9 +121,6 @@ class Framer:
         self._start = 0
         self._needed = 0
         self._bad_length = length
-        return self._error(length)
-
-    def _error(self, length: int) -> FrameError:
-        # A new object each time, because an object's traceback grows each time it is raised.
+        # a new object each time, because an object's traceback grows each time it is raised
         rule = f'must be {HEADER_SIZE} … {self._max_length}; is the byte order right?'
         return FrameError('length', length, rule)

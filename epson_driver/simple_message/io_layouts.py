@@ -42,22 +42,17 @@ from epson_driver.simple_message.io_messages import (
 from epson_driver.simple_message.messages import Message
 
 MAX_ITEMS = 1024
-"""Maximum number of items in one message. The longest reply has 16,412 bytes, and a frame may have
-65,535."""
+"""Maximum items per message. The longest reply has 16,412 bytes, a frame may have 65,535."""
 
 MAX_VALUES = 8192
-"""Maximum number of values in one IO_STREAM_PUB. With MAX_ITEMS items it has less than 65,535
-bytes."""
+"""Maximum values per IO_STREAM_PUB. With MAX_ITEMS items it then has less than 65,535 bytes."""
 
 _INT32 = 4
 _COUNT = 'num_items'
 
 
 class ItemsLayout:
-    """Layout of a message with items of one fixed size.
-
-    `item_class`: class of the items, whose fields are in wire order.
-    """
+    """Layout of a message with items of a class whose fields are in wire order."""
 
     def __init__(self, msg_type: int, message_class: type[Message], item_class: type[Any]) -> None:
         self.msg_type = int(msg_type)
@@ -68,7 +63,7 @@ class ItemsLayout:
         self._head = _head(message_class)
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError if it has too many items, or a value is no int32."""
+        """Return the body. Raises FieldError for too many items, or a value that is no int32."""
         items: Sequence[Any] = message.items  # type: ignore[attr-defined]
         _check_number(len(items))
         named = [(name, getattr(message, name)) for name in self._head]
@@ -78,10 +73,7 @@ class ItemsLayout:
         return _pack(named, dialect.byte_order)
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message, and FLOAT32 as the width of reals, because the body has none.
-
-        Raises BodyError if the length does not match the number of items.
-        """
+        """Return the message, and FLOAT32 as it has no reals. Raises BodyError if invalid."""
         words = _unpack(body, byte_order, self.message_class, len(self._head) + 1)
         head = words[: len(self._head)]
         rest = words[len(self._head) + 1 :]
@@ -104,7 +96,6 @@ class PublishLayout:
     message_class: type[Message] = IoPublish
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError if there are too many values or one is no int32."""
         items: Sequence[IoValues] = message.items  # type: ignore[attr-defined]
         _check_number(len(items))
         total = sum(len(item.values) for item in items)
@@ -121,10 +112,6 @@ class PublishLayout:
         return _pack(named, dialect.byte_order)
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message, and FLOAT32 as the width of reals, because the body has none.
-
-        Raises BodyError if the length does not match the numbers of items and values.
-        """
         timestamp, count, *rest = _unpack(body, byte_order, IoPublish, 2)
         if not 0 <= count <= MAX_ITEMS:
             raise BodyError(_COUNT, count, f'must be 0 to {MAX_ITEMS}')
@@ -147,7 +134,6 @@ class PublishLayout:
 
 
 def _head(message_class: type[Message]) -> tuple[str, ...]:
-    """Return the names of the fields before `items`."""
     *head, last = (field.name for field in fields(message_class))  # type: ignore[arg-type]
     if last != 'items':
         raise TypeError(f'{message_class.__name__}: the last field is {last}, not items')
@@ -160,7 +146,7 @@ def _check_number(count: int) -> None:
 
 
 def _pack(named: Sequence[tuple[str, int]], order: ByteOrder) -> bytes:
-    """Pack values, given with their names, as int32. Raises FieldError if one is no int32."""
+    """Return named values packed as int32. Raises FieldError if a value is no int32."""
     try:
         return struct.pack(f'{order.value}{len(named)}i', *(value for _, value in named))
     except struct.error as cause:
@@ -178,11 +164,7 @@ def _errors(named: Sequence[tuple[str, int]]) -> Iterator[FieldError]:
 def _unpack(
     body: bytes, order: ByteOrder, message_class: type[Message], least: int
 ) -> tuple[int, ...]:
-    """Return the words of a body.
-
-    Raises BodyError if there are less than `least` words, or if the length is no multiple of a
-    word.
-    """
+    """Return the words of a body. Raises BodyError if there are fewer than `least`."""
     count, rest = divmod(len(body), _INT32)
     if rest or count < least:
         rule = f'{message_class.__name__} has {least * _INT32} bytes, and 4 for each further field'
@@ -198,7 +180,6 @@ IO_ROWS = (
     ItemsLayout(MessageType.IO_STREAM_UNSUB, IoUnsubscribe, IoAddress),
     PublishLayout(),
 )
-"""Layouts of I/O requests and topics."""
 
 IO_REPLY_ROWS = (
     ItemsLayout(MessageType.IO_INFO, IoInfoReply, IoRange),
@@ -208,4 +189,3 @@ IO_REPLY_ROWS = (
     ItemsLayout(MessageType.IO_STREAM_SUB, IoSubscribeReply, IoOutcome),
     ItemsLayout(MessageType.IO_STREAM_UNSUB, IoUnsubscribeReply, IoOutcome),
 )
-"""Layouts of I/O replies."""

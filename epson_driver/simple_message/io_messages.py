@@ -39,21 +39,17 @@ class IoResult(IntEnum):
 
 
 class ControllerFeature(IntFlag):
-    """Bits of `IoInfoReply.features`: functions of the controller."""
-
     TIMESTAMPS = 1
 
 
 class IoFeature(IntFlag):
-    """Bits of `IoRange.features`: functions of a range of points."""
-
     RESET = 1
     STREAMING = 2
 
 
 ALL = -1
-"""Index that selects all points of the type in an `IoReset` item. An item with this value as type
-and index selects all outputs and flags."""
+"""Index in an `IoReset` item that stands for all points of the type. If the type is ALL, too, the
+item stands for all outputs and flags."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +62,6 @@ class IoAddress:
 
 @dataclass(frozen=True, slots=True)
 class IoSpan:
-    """A range of `count` points of one type, from the index `start`."""
-
     io_type: int
     start: int
     count: int
@@ -75,8 +69,6 @@ class IoSpan:
 
 @dataclass(frozen=True, slots=True)
 class IoRange:
-    """A range of points that the controller has. `features` are `IoFeature` bits."""
-
     io_type: int
     start: int
     count: int
@@ -85,8 +77,6 @@ class IoRange:
 
 @dataclass(frozen=True, slots=True)
 class IoSetting:
-    """A point and its new value."""
-
     io_type: int
     index: int
     value: int
@@ -94,7 +84,7 @@ class IoSetting:
 
 @dataclass(frozen=True, slots=True)
 class IoOutcome:
-    """A point, or the first point of a range, and the `IoResult` of its request."""
+    """A point, or the first point of a range, and the `IoResult` of the request for it."""
 
     io_type: int
     index: int
@@ -113,8 +103,6 @@ class IoReading:
 
 @dataclass(frozen=True, slots=True)
 class IoValues:
-    """The values of a subscribed range."""
-
     io_type: int
     start: int
     values: tuple[int, ...]
@@ -180,8 +168,6 @@ class IoReset(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoResetReply(Message):
-    """The reply to IO_RESET."""
-
     message_id: int = 0
     items: tuple[IoOutcome, ...] = ()
 
@@ -196,18 +182,13 @@ class IoSubscribe(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoSubscribeReply(Message):
-    """The reply to IO_STREAM_SUB."""
-
     message_id: int = 0
     items: tuple[IoOutcome, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class IoUnsubscribe(Message):
-    """IO_STREAM_UNSUB (65205), the request to stop publishing ranges of points.
-
-    `items` are the first points of these ranges.
-    """
+    """IO_STREAM_UNSUB (65205), with the first points of the ranges to stop publishing."""
 
     message_id: int = 0
     items: tuple[IoAddress, ...] = ()
@@ -215,8 +196,6 @@ class IoUnsubscribe(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoUnsubscribeReply(Message):
-    """The reply to IO_STREAM_UNSUB."""
-
     message_id: int = 0
     items: tuple[IoOutcome, ...] = ()
 

@@ -1,7 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The layouts of message bodies, by message type. A vendor's message needs a class and a row here.
+"""Layouts of message bodies by message type, and packets, which are messages with a header.
 
+`encode` returns the bytes of a packet. A message of a vendor needs a class and a row in ROWS.
 A row lists the fields of the class in wire order with their width: `i` is an int32, `r` a real,
 `10r` ten reals, and `0|10i` either none or ten int32, depending on the length of the body.
 
@@ -13,19 +14,27 @@ from collections.abc import Callable, Iterable
 from dataclasses import fields
 from itertools import product
 from operator import itemgetter
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 from epson_driver.simple_message.constants import (
     DIALECTS,
+    LITTLE_ENDIAN,
     BodyError,
     ByteOrder,
+    CommType,
     Dialect,
     FieldError,
     MessageType,
     Real,
+    ReplyCode,
 )
-from epson_driver.simple_message.framer import HEADER_SIZE, PREFIX_SIZE
-from epson_driver.simple_message.io_layouts import IO_REPLY_ROWS, IO_ROWS
+from epson_driver.simple_message.framer import HEADER_SIZE, MAX_LENGTH, PREFIX_SIZE
+from epson_driver.simple_message.io_layouts import (
+    IO_REPLY_ROWS,
+    IO_ROWS,
+    ItemsLayout,
+    PublishLayout,
+)
 from epson_driver.simple_message.io_messages import IoInfo
 from epson_driver.simple_message.messages import (
     GetVersion,
@@ -37,6 +46,7 @@ from epson_driver.simple_message.messages import (
     Message,
     MotionCtrl,
     MotionReply,
+    Opaque,
     Ping,
     Status,
 )
@@ -55,29 +65,11 @@ from epson_driver.simple_message.motoman import (
 MAX_TRAJECTORY_POINTS = 200
 
 
-class Layout(Protocol):
-    """Encoder and decoder of the body of one message type."""
-
-    msg_type: int
-    message_class: type[Message]
-
-    def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError if a value does not fit its field."""
-
-    def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message and the width of its reals (FLOAT32 if the body has none).
-
-        The width follows from the length of the body. Raises BodyError if no message of this type
-        has this length.
-        """
-
-
 class BodyReader:
-    """Decoder of bodies of one message class, size and dialect.
+    """Decoder of bodies that have one message class, size and dialect.
 
-    * `make`: class that `_writable` returns for the message class.
-    * `body`: `struct` format of the body.
-    * `places`: index or slice of each field among the values of the body.
+    `make`: the class that `_writable` returns. `places`: index or slice of each field in the
+    values of a body.
     """
 
     __slots__ = ('_fields_of', '_make', '_message_class', '_unpack_from', 'dialect')
@@ -97,7 +89,6 @@ class BodyReader:
         self._fields_of = _fields_of(tuple(places))
 
     def read(self, buffer: bytes | bytearray, start: int = 0) -> Message:
-        """Return the message whose body starts at `start` in a buffer."""
         values = self._unpack_from(buffer, start)
         if self._fields_of is not None:
             values = self._fields_of(values)
@@ -122,7 +113,6 @@ def _writable(message_class: type[Message]) -> Callable[..., Message]:
 def _fields_of(
     places: tuple[int | slice, ...],
 ) -> Callable[[tuple[Any, ...]], tuple[Any, ...]] | None:
-    """Return a function that groups a body's values into fields, or None if each field is one."""
     if all(isinstance(place, int) for place in places):
         return None
     if len(places) == 1:
@@ -131,11 +121,10 @@ def _fields_of(
 
 
 class _Form:
-    """One of the variants of a body, which differ in whether optional fields are present.
+    """A variant of a body. Variants differ in the number of values of optional fields.
 
-    * `counts`: number of values of each field (0: the field is not present).
-    * `codes`: `struct` code of each field, or `r` for a real.
-    * `scalar`: for each field, whether it is a single value instead of a tuple.
+    `codes`: `struct` code of each field, or `r` for a real. `scalar`: whether each field is a
+    single value.
     """
 
     def __init__(
@@ -164,7 +153,7 @@ class _Form:
 
 
 class FixedLayout:
-    """Layout of a body without lists of items. `spec`: a row as in the module's docstring."""
+    """Layout of a body without lists of items. `spec`: a row as in the module docstring."""
 
     def __init__(self, msg_type: int, message_class: type[Message], spec: str) -> None:
         self.msg_type = msg_type
@@ -180,13 +169,12 @@ class FixedLayout:
         self._forms = [_Form(counts, self._codes, self._scalar) for counts in product(*choices)]
         self._frame = _frame_packer(names, self._scalar)
         self._several = tuple(index for index, one in enumerate(self._scalar) if not one)
-        """Indices of the fields with several values."""
         self._form_of_counts = {
             tuple(form.counts[index] for index in self._several): form for form in self._forms
         }
         only = len(self._forms) == 1 and len(self._several) <= 1
         self._only_form = self._forms[0] if only else None
-        """The variant, if only one exists and at most one field has several values, else None."""
+        """The only variant. None if the numbers of values in the message select one."""
         self._readers: dict[tuple[int, ByteOrder], BodyReader] = {}
         make = _writable(message_class)
         for form, dialect in product(self._forms, DIALECTS):
@@ -199,14 +187,13 @@ class FixedLayout:
         return self._forms[0].bodies[dialect.number].size
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError if a value does not fit its field."""
         return self.frame(message, 0, 0, dialect)[PREFIX_SIZE + HEADER_SIZE :]
 
     def frame(self, message: Message, comm_type: int, reply_code: int, dialect: Dialect) -> bytes:
         """Return the whole frame. Raises FieldError if a value does not fit its field."""
         form = self._only_form or self._form_of_counts.get(self._counts(message))
         if form is None:
-            raise self._count_error(message)
+            raise self._error(message, dialect)
         pack, length = form.frames[dialect.number]
         try:
             return self._frame(pack, length, self.msg_type, comm_type, reply_code, message)
@@ -214,10 +201,7 @@ class FixedLayout:
             raise self._error(message, dialect) from cause
 
     def reader(self, size: int, byte_order: ByteOrder) -> BodyReader:
-        """Return the reader of bodies of `size` bytes.
-
-        Raises BodyError if no message of this type has this size.
-        """
+        """Return the reader of bodies of `size` bytes. Raises BodyError if none has this size."""
         result = self._readers.get((size, byte_order))
         if result is None:
             sizes = ' or '.join(str(size) for size in sorted({size for size, _ in self._readers}))
@@ -229,10 +213,6 @@ class FixedLayout:
         return result
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message and the width of its reals.
-
-        Raises BodyError if no message of this type has this length.
-        """
         reader = self.reader(len(body), byte_order)
         return reader.read(body), reader.dialect.real
 
@@ -240,19 +220,11 @@ class FixedLayout:
         return tuple([len(getattr(message, self._names[index])) for index in self._several])
 
     def _error(self, message: Message, dialect: Dialect) -> FieldError:
-        if self._counts(message) not in self._form_of_counts:
-            return self._count_error(message)
-        return self._value_error(message, dialect)
-
-    def _count_error(self, message: Message) -> FieldError:
         for index, count in zip(self._several, self._counts(message), strict=True):
             allowed = {form.counts[index] for form in self._forms}
             if count not in allowed:
                 rule = ' or '.join(str(n) for n in sorted(allowed))
                 return FieldError(self._names[index], f'{count} values', f'must have {rule}')
-        raise AssertionError('counts fit, but not together')
-
-    def _value_error(self, message: Message, dialect: Dialect) -> FieldError:
         for name, code, scalar in zip(self._names, self._codes, self._scalar, strict=True):
             value = getattr(message, name)
             rule = 'must be an int32' if code == 'i' else f'must fit {dialect.real.name.lower()}'
@@ -262,14 +234,13 @@ class FixedLayout:
                     one.pack(item)
                 except (struct.error, OverflowError, TypeError):
                     return FieldError(name if scalar else f'{name}[{index}]', item, rule)
-        raise AssertionError('every value fits alone, but not together')
+        raise AssertionError('each field fits alone, but not together')
 
 
 def _frame_packer(names: tuple[str, ...], scalar: tuple[bool, ...]) -> Callable[..., bytes]:
-    """Return a function of `pack`, header fields and a message, which packs them into one frame.
+    """Return a function that packs header fields and a message into one frame, with `pack`.
 
-    It is compiled from source, because collecting the fields in a flat tuple would take as long as
-    packing them.
+    It is compiled from source: collecting the fields in a tuple would take as long as packing.
     """
     words = 'length, msg_type, comm_type, reply_code'
     values = (
@@ -287,10 +258,7 @@ class PingLayout(FixedLayout):
     """
 
     def reader(self, size: int, byte_order: ByteOrder) -> BodyReader:
-        """Return the reader of ten words, or a reader that ignores a body of any other size.
-
-        Raises BodyError if the size is no multiple of a word.
-        """
+        """Return the reader of ten words or, for another size, a reader that ignores the body."""
         known = size % 4 or size == 40
         return super().reader(size if known else 0, byte_order)
 
@@ -298,9 +266,9 @@ class PingLayout(FixedLayout):
 class TrajectoryLayout:
     """Layout of JOINT_TRAJ, which has two variants.
 
-    ROS-Industrial's C++ library writes the points, then their number. REP-I0006 specifies the
-    number, then always ten points. Both variants are decoded. Only the library's is encoded,
-    because existing programs use it.
+    ROS-Industrial's C++ library writes the points, and then their number. REP-I0006 specifies the
+    number, and then always ten points. Both variants are decoded. Only the library's variant is
+    encoded, because existing programs use it.
     """
 
     msg_type = int(MessageType.JOINT_TRAJ)
@@ -310,7 +278,6 @@ class TrajectoryLayout:
         self._point = point
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError if it has too many points or a value does not fit."""
         points = message.points  # type: ignore[attr-defined]
         if len(points) > MAX_TRAJECTORY_POINTS:
             raise FieldError('points', len(points), f'at most {MAX_TRAJECTORY_POINTS}')
@@ -324,11 +291,6 @@ class TrajectoryLayout:
         return bytes(body) + struct.pack(dialect.byte_order.value + 'i', len(points))
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message and the width of its reals.
-
-        Raises BodyError if the length is wrong for 32-bit and for 64-bit reals, or if the number
-        of points is wrong.
-        """
         int32 = struct.Struct(byte_order.value + 'i')
         for real in Real:
             size = self._point.size(Dialect(byte_order, real))
@@ -354,6 +316,8 @@ class TrajectoryLayout:
 _JOINT_TRAJ_PT = FixedLayout(
     MessageType.JOINT_TRAJ_PT, JointTrajPt, 'sequence:i joints:10r velocity:r duration:r'
 )
+
+Layout = FixedLayout | TrajectoryLayout | ItemsLayout | PublishLayout
 
 ROWS: tuple[Layout, ...] = (
     PingLayout(MessageType.PING, Ping, 'padding:0|10i'),
@@ -402,3 +366,64 @@ LAYOUT_OF_REPLY: dict[int, Layout] = {row.msg_type: row for row in IO_REPLY_ROWS
 LAYOUT_OF_CLASS: dict[type[Message], Layout] = {
     row.message_class: row for row in (*ROWS, *IO_REPLY_ROWS)
 }
+
+
+class Packet(NamedTuple):
+    """A message with its header fields. A received packet also has the dialect of its bytes."""
+
+    message: Message
+    comm_type: CommType
+    reply_code: ReplyCode = ReplyCode.INVALID
+    dialect: Dialect = LITTLE_ENDIAN
+
+    @property
+    def msg_type(self) -> int:
+        if isinstance(self.message, Opaque):
+            return self.message.msg_type
+        return LAYOUT_OF_CLASS[type(self.message)].msg_type
+
+
+def topic(message: Message) -> Packet:
+    return Packet(message, CommType.TOPIC)
+
+
+def request(message: Message) -> Packet:
+    return NEW(Packet, (message, *_REQUEST))
+
+
+def reply(message: Message, code: ReplyCode) -> Packet:
+    return Packet(message, CommType.SERVICE_REPLY, code)
+
+
+def encode(packet: Packet, dialect: Dialect) -> bytes:
+    """Return a packet's bytes with the length prefix. Raises FieldError if a value is invalid."""
+    message = packet.message
+    layout = LAYOUT_OF_CLASS.get(type(message))
+    if isinstance(layout, FixedLayout):
+        return layout.frame(message, packet.comm_type, packet.reply_code, dialect)
+    if isinstance(message, Opaque):
+        body = _opaque_body(message)
+    else:
+        body = LAYOUT_OF_CLASS[type(message)].encode(message, dialect)
+    prefix = struct.pack(
+        dialect.byte_order.value + '4i',
+        HEADER_SIZE + len(body),
+        packet.msg_type,
+        packet.comm_type,
+        packet.reply_code,
+    )
+    return prefix + body
+
+
+def _opaque_body(message: Opaque) -> bytes:
+    """Return the body's bytes. Raises FieldError if no frame can have its type or length."""
+    if not -(2**31) <= message.msg_type < 2**31:
+        raise FieldError('msg_type', message.msg_type, 'must be an int32')
+    if HEADER_SIZE + len(message.body) > MAX_LENGTH:
+        rule = f'a frame holds at most {MAX_LENGTH - HEADER_SIZE} bytes of body'
+        raise FieldError('body', f'{len(message.body)} bytes', rule)
+    return message.body
+
+
+NEW = tuple.__new__
+_REQUEST = (CommType.SERVICE_REQUEST, ReplyCode.INVALID, LITTLE_ENDIAN)

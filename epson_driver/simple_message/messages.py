@@ -14,18 +14,13 @@ ZEROS: tuple[float, ...] = (0.0,) * MAX_JOINTS
 
 
 def joint_data(values: Sequence[float]) -> tuple[float, ...]:
-    """Return joint values padded with 0.0 to ten values.
-
-    Raises ValueError if there are more than ten.
-    """
+    """Return joint values padded with 0.0 to ten values. Raises ValueError if there are more."""
     if len(values) > MAX_JOINTS:
         raise ValueError(f'{len(values)} joints: a message carries at most {MAX_JOINTS}')
     return tuple(values) + ZEROS[len(values) :]
 
 
 class Message:
-    """Base class of all message bodies."""
-
     __slots__ = ()
 
 
@@ -55,7 +50,7 @@ class JointPosition(Message):
 class JointTrajPt(Message):
     """JOINT_TRAJ_PT (11): one point of a trajectory.
 
-    `velocity`: fraction of the joints' maximum speed, (0, 1]. `duration`: time from the previous
+    `velocity`: fraction of the joints' maximum speed, (0, 1]. `duration`: time since the previous
     point, s. A negative `sequence` is a `SpecialSequence`.
     """
 
@@ -74,7 +69,7 @@ class JointTraj(Message):
 
 @dataclass(frozen=True, slots=True)
 class Status(Message):
-    """STATUS (13). `mode` is a `Mode`, `error_code` any number. The other fields: `TriState`."""
+    """STATUS (13). `mode` is a `Mode`, `error_code` any number, every other field a `TriState`."""
 
     drives_powered: int = TriState.UNKNOWN
     e_stopped: int = TriState.UNKNOWN
@@ -130,8 +125,8 @@ class MotionCtrl(Message):
 class MotionReply(Message):
     """MOTION_REPLY (2002), Motoman: the reply to MOTION_CTRL and JOINT_TRAJ_PT_FULL.
 
-    `command` repeats the command, or is the message type of the point. `result` is a
-    `motoman.Result`, and `subcode` its details. `data` is reserved.
+    `command` is the command of the request or, for a point, its message type. `result` is a
+    `motoman.Result`, and `subcode` has details of it. `data` is reserved.
     """
 
     robot_id: int
@@ -144,7 +139,7 @@ class MotionReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class Opaque(Message):
-    """A message of unknown type, or a reply whose body does not fit its type, as raw bytes."""
+    """The raw bytes of a message of unknown type, or of a reply that does not fit its type."""
 
     msg_type: int
     body: bytes = b''

@@ -9,8 +9,6 @@ from epson_driver.simple_message.messages import Message
 
 
 class Command(IntEnum):
-    """Values of `MotionCtrl.command`."""
-
     CHECK_MOTION_READY = 200101
     CHECK_QUEUE_CNT = 200102
     STOP_MOTION = 200111
@@ -23,7 +21,7 @@ class Command(IntEnum):
 
 
 class Result(IntEnum):
-    """Values of `MotionReply.result`. In the reply to a query, SUCCESS is true, FAILURE false."""
+    """Values of `MotionReply.result`. In reply to a query, SUCCESS means true, FAILURE false."""
 
     SUCCESS = 0
     BUSY = 1
@@ -35,7 +33,7 @@ class Result(IntEnum):
 
 
 class Invalid(IntEnum):
-    """Values of `MotionReply.subcode` after INVALID: the invalid part of the request."""
+    """Values of `MotionReply.subcode` if `result` is INVALID: the invalid part of the request."""
 
     UNSPECIFIED = 3000
     MSGSIZE = 3001
@@ -55,10 +53,7 @@ class Invalid(IntEnum):
 
 
 class NotReady(IntEnum):
-    """Values of `MotionReply.subcode` after NOT_READY: the condition that prevents motion.
-
-    In the reply to CHECK_MOTION_READY, they are the values of `subcode` after FAILURE.
-    """
+    """Values of `MotionReply.subcode` if `result` is NOT_READY, or CHECK_MOTION_READY failed."""
 
     UNSPECIFIED = 5000
     ALARM = 5001
@@ -76,7 +71,6 @@ class NotReady(IntEnum):
 
 
 GROUP_BITS = 8
-"""Number of bits in an I/O group."""
 
 GENERAL_INPUTS = 1
 """Number of the first input group."""
@@ -96,7 +90,7 @@ class MotomanIoResult(IntEnum):
 
 
 def bit_address(first_group: int, index: int) -> int:
-    """Return the address of an I/O bit. `index`: counted from the first bit of `first_group`."""
+    """Return the address of an I/O bit. `index`: 0 for the first bit of `first_group`."""
     group, bit = divmod(index, GROUP_BITS)
     return (first_group + group) * 10 + bit
 
@@ -110,8 +104,6 @@ class ReadIoBit(Message):
 
 @dataclass(frozen=True, slots=True)
 class ReadIoBitReply(Message):
-    """READ_IO_BIT_REPLY (2004), the reply to READ_IO_BIT."""
-
     value: int
     result: int
 
@@ -126,8 +118,6 @@ class WriteIoBit(Message):
 
 @dataclass(frozen=True, slots=True)
 class WriteIoBitReply(Message):
-    """WRITE_IO_BIT_REPLY (2006), the reply to WRITE_IO_BIT."""
-
     result: int
 
 
@@ -156,17 +146,12 @@ class WriteIoGroup(Message):
 
 @dataclass(frozen=True, slots=True)
 class WriteIoGroupReply(Message):
-    """WRITE_IO_GROUP_REPLY (2010), the reply to WRITE_IO_GROUP."""
-
     result: int
 
 
 @dataclass(frozen=True, slots=True)
 class IoCtrlReply(Message):
-    """IOCTRL_REPLY (2011): the reply to an unknown I/O message.
-
-    `result` is a `motoman.Result`, `subcode` a `motoman.Invalid`.
-    """
+    """IOCTRL_REPLY (2011), the reply to an unknown I/O message: a `Result` and an `Invalid`."""
 
     result: int
     subcode: int

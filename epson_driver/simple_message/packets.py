@@ -1,17 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Packets, which are messages with a header. Converts packets to bytes, and frames to packets."""
+"""Converts frames to packets. The layouts convert packets to bytes."""
 
 import struct
-from typing import NamedTuple
 
 from epson_driver.simple_message.constants import (
-    LITTLE_ENDIAN,
     BodyError,
     ByteOrder,
     CommType,
     Dialect,
-    FieldError,
     HeaderError,
     Real,
     ReplyCode,
@@ -27,74 +24,12 @@ from epson_driver.simple_message.layouts import (
     LAYOUT_OF_CLASS,
     LAYOUT_OF_REPLY,
     LAYOUT_OF_TYPE,
+    NEW,
     BodyReader,
     FixedLayout,
+    Packet,
 )
 from epson_driver.simple_message.messages import Message, Opaque
-
-
-class Packet(NamedTuple):
-    """A message with its header fields. A received packet also has the dialect of its bytes."""
-
-    message: Message
-    comm_type: CommType
-    reply_code: ReplyCode = ReplyCode.INVALID
-    dialect: Dialect = LITTLE_ENDIAN
-
-    @property
-    def msg_type(self) -> int:
-        """Message id (REP-I0004)."""
-        if isinstance(self.message, Opaque):
-            return self.message.msg_type
-        return LAYOUT_OF_CLASS[type(self.message)].msg_type
-
-
-def topic(message: Message) -> Packet:
-    """Return a packet that needs no reply."""
-    return Packet(message, CommType.TOPIC)
-
-
-def request(message: Message) -> Packet:
-    """Return a packet that the peer must answer."""
-    return _NEW(Packet, (message, *_REQUEST))
-
-
-def reply(message: Message, code: ReplyCode) -> Packet:
-    """Return the reply to a request, with the body `message`."""
-    return Packet(message, CommType.SERVICE_REPLY, code)
-
-
-def encode(packet: Packet, dialect: Dialect) -> bytes:
-    """Return the bytes of a packet, including the length prefix.
-
-    Raises FieldError if a value does not fit its field.
-    """
-    message = packet.message
-    layout = LAYOUT_OF_CLASS.get(type(message))
-    if isinstance(layout, FixedLayout):
-        return layout.frame(message, packet.comm_type, packet.reply_code, dialect)
-    if isinstance(message, Opaque):
-        body = _opaque_body(message)
-    else:
-        body = LAYOUT_OF_CLASS[type(message)].encode(message, dialect)
-    prefix = struct.pack(
-        dialect.byte_order.value + '4i',
-        HEADER_SIZE + len(body),
-        packet.msg_type,
-        packet.comm_type,
-        packet.reply_code,
-    )
-    return prefix + body
-
-
-def _opaque_body(message: Opaque) -> bytes:
-    """Return the body's bytes. Raises FieldError if no frame can have its type or length."""
-    if not -(2**31) <= message.msg_type < 2**31:
-        raise FieldError('msg_type', message.msg_type, 'must be an int32')
-    if HEADER_SIZE + len(message.body) > MAX_LENGTH:
-        rule = f'a frame holds at most {MAX_LENGTH - HEADER_SIZE} bytes of body'
-        raise FieldError('body', f'{len(message.body)} bytes', rule)
-    return message.body
 
 
 def check_header(frame: Frame) -> tuple[CommType, ReplyCode]:
@@ -121,7 +56,8 @@ def decode(frame: Frame) -> Packet:
 
     A message of unknown type is returned as `Opaque`. So is a reply whose body does not fit its
     type, because many replies have no body, and REP-I0006 does not define the body of a FAILURE.
-    Raises HeaderError if the header is invalid, or BodyError if the body of a topic or request is.
+    Raises HeaderError if the header is invalid, and BodyError if the body of a topic or request is
+    invalid.
     """
     comm_type, reply_code = check_header(frame)
     layout = LAYOUT_OF_TYPE.get(frame.msg_type)
@@ -145,21 +81,20 @@ _Header = tuple[int, CommType, ReplyCode, BodyReader]
 class PacketFramer(Framer):
     """A framer that returns packets.
 
-    A controller sends few different headers. Each is decoded once, and the result is reused for
-    later frames with the same header bytes.
+    A controller sends few different headers. Each is decoded once.
     """
 
     def __init__(self, byte_order: ByteOrder | None = None, max_length: int = MAX_LENGTH) -> None:
         super().__init__(byte_order, max_length)
         self._headers: dict[tuple[bytes], _Header] = {}
-        """Decoded headers by their bytes. Only valid headers of fixed layouts are stored."""
+        """Decoded headers of messages with fixed layouts, by the bytes of the header."""
 
     def next_packet(self) -> Packet | None:
         """Return the packet of the next frame, or None if the frame is incomplete.
 
         Raises FrameError if the length is invalid, and at every later call. Raises HeaderError if
-        the header is invalid, or BodyError if the body of a topic or request is. In these two
-        cases the next call continues with the following frame.
+        the header is invalid, and BodyError if the body of a topic or request is invalid. After
+        these two errors, the next call continues with the following frame.
         """
         buffer, start = self._buffer, self._start
         received = len(buffer) - start
@@ -174,7 +109,7 @@ class PacketFramer(Framer):
         self._start = start + size
         self._needed = PREFIX_SIZE
         message = reader.read(buffer, start + _WHOLE_HEADER)
-        return _NEW(Packet, (message, comm_type, reply_code, reader.dialect))
+        return NEW(Packet, (message, comm_type, reply_code, reader.dialect))
 
     def _unknown(self) -> Packet | None:
         frame = self.next_frame()
@@ -194,8 +129,6 @@ class PacketFramer(Framer):
         return packet
 
 
-_NEW = tuple.__new__
-_REQUEST = (CommType.SERVICE_REQUEST, ReplyCode.INVALID, LITTLE_ENDIAN)
 _WHOLE_HEADER = PREFIX_SIZE + HEADER_SIZE
 _HEADER_BYTES = struct.Struct(f'{_WHOLE_HEADER}s').unpack_from
-"""Function that returns the bytes of a header. It is faster than slicing the buffer."""
+"""Function that reads a header's bytes, faster than a slice of the buffer."""

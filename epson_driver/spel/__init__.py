@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """EPSON's robot language SPEL+: compiles files to a program, and runs its tasks.
 
-The interpreter is independent of the controller, which it accesses through the interface `Host`.
+The interpreter is independent of the controller and accesses it through the interface `Host`.
 docs/spel.md lists the supported parts of the language.
 """
 

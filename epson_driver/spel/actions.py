@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Statements that the interpreter itself executes: waiting, tasks, locks, bits, terminal."""
+"""Statements that the interpreter executes itself: waiting, tasks, locks, bits, terminal."""
 
 import math
 from collections.abc import Callable
@@ -14,7 +14,6 @@ from epson_driver.spel.project_data import LAST_POINT
 from epson_driver.spel.task import (
     Linked,
     Reference,
-    SharedState,
     Task,
     Test,
     Trap,
@@ -35,13 +34,12 @@ _MAX_ELEMENTS = {False: (2_000, 200), True: (100_000, 10_000)}
 
 
 def seconds(task: Task, time: float) -> float:
-    """Return a waiting time, s, rounded up to whole ticks of the controller."""
+    """Return a waiting time, s, rounded up to whole time units of the controller."""
     tick = task.world.timing.granularity
     return math.ceil(time / tick - 1e-9) * tick if tick else time
 
 
 def within(name: str, number: int, least: int, most: int) -> int:
-    """Return `number`. Raises SpelError if it is not between `least` and `most`."""
     if not least <= number <= most:
         raise bad(name, f'{shown(number)} is not in {least}..{most}')
     return number
@@ -51,15 +49,14 @@ def within(name: str, number: int, least: int, most: int) -> int:
 
 
 def wait(task: Task, time: float) -> None:
-    """Execute `Wait time`: wait for `time`, s."""
     task.wait(seconds(task, time))
 
 
 def wait_condition(task: Task, test: Test, time: float | None) -> None:
     """Execute `Wait condition[, time]`: wait until `test` holds or `time`, s, has passed.
 
-    If the time passes first, the program's function `TW` returns True. If `time` is None, the
-    default timeout of `TMOut` applies, if there is one, and SpelError is raised after it.
+    If the time passes first, the program's function `TW` returns True. If `time` is None and
+    `TMOut` has set a default timeout, SpelError is raised when this timeout has passed.
     """
     limit = task.default_timeout if time is None else seconds(task, time)
 
@@ -71,12 +68,10 @@ def wait_condition(task: Task, test: Test, time: float | None) -> None:
 
 
 def set_default_timeout(task: Task, time: float) -> None:
-    """Execute `TMOut time`: set the timeout of `Wait condition`, s. 0 disables it."""
     task.default_timeout = seconds(task, time) or None
 
 
 def wait_signal(task: Task, number: int, time: float | None = None) -> None:
-    """Execute `WaitSig n[, time]`: wait for the next `Signal n`, at most for `time`, s."""
     number, signals = nearest(number), task.world.signals
     before = signals.get(number, 0)
     limit = None if time is None else seconds(task, time)
@@ -84,13 +79,11 @@ def wait_signal(task: Task, number: int, time: float | None = None) -> None:
 
 
 def signal(task: Task, number: int) -> None:
-    """Execute `Signal n`: resume the tasks that wait for it."""
     number, signals = nearest(number), task.world.signals
     signals[number] = signals.get(number, 0) + 1
 
 
 def sync_lock(task: Task, number: int, time: float | None = None) -> None:
-    """Execute `SyncLock n[, time]`: wait for lock n, at most for `time`, s, and acquire it."""
     number = nearest(number)
     locks = task.world.locks
     if locks.get(number) == task.number:
@@ -105,7 +98,6 @@ def sync_lock(task: Task, number: int, time: float | None = None) -> None:
 
 
 def sync_unlock(task: Task, number: int) -> None:
-    """Execute `SyncUnlock n`. Raises SpelError if this task does not hold lock n."""
     number = nearest(number)
     if task.world.locks.get(number) != task.number:
         raise SpelError(ErrorNumber.SYNC, f'SyncUnlock {number}: this task has not locked it')
@@ -113,17 +105,14 @@ def sync_unlock(task: Task, number: int) -> None:
 
 
 def reset_timer(task: Task, number: int) -> None:
-    """Execute `TmReset n`: restart timer n at 0."""
     task.world.timers[nearest(number)] = task.world.time
 
 
 def reset_elapsed_time(task: Task) -> None:
-    """Execute `ResetElapsedTime`: restart `ElapsedTime` at 0."""
     task.world.elapsed_from = task.world.time
 
 
 def randomize(task: Task, seed: float | None = None) -> None:
-    """Execute `Randomize [seed]`. The same seed gives the same random numbers."""
     task.world.random.seed(0 if seed is None else seed)
 
 
@@ -138,7 +127,6 @@ def _other(task: Task, which: int | str) -> Task:
 
 
 def quit_task(task: Task, which: int | str | None) -> None:
-    """Execute `Quit`: end the task `which`, or all but background tasks if it is None."""
     world = task.world
     if which is not None:
         if (result := world.task(which)) is not None:
@@ -151,24 +139,20 @@ def quit_task(task: Task, which: int | str | None) -> None:
 
 
 def halt(task: Task, which: int | str | None) -> None:
-    """Execute `Halt n`: suspend the task `which` (None: this task) until `Resume`."""
     _other(task, which or task.number).halted = True
 
 
 def resume(task: Task, which: int | str | None) -> None:
-    """Execute `Resume n`: continue the halted task `which` (None: this task)."""
     _other(task, which or task.number).halted = False
 
 
 def task_wait(task: Task, which: int | str | None) -> None:
-    """Execute `TaskWait n`: wait until the task `which` has ended."""
     result = task.world.task(which) if which is not None else None
     if result is not None:
         task.wait(None, lambda: result.frame is None)
 
 
 def start_main(task: Task, which: int | str | None) -> None:
-    """Execute `StartMain f`: start the function f as task 1. Only background tasks may do so."""
     task.may('startmain')
     if not isinstance(which, str):
         raise bad('StartMain', 'needs the name of a main function')
@@ -178,24 +162,12 @@ def start_main(task: Task, which: int | str | None) -> None:
 
 
 def pause_all(task: Task) -> None:
-    """Execute `Pause`: pause all Normal tasks and any motion."""
     for item in task.world.tasks.values():
         item.paused = item.type is TaskType.NORMAL
     task.world.host.paused(True)
 
 
-def resume_paused(world: SharedState) -> None:
-    """Resume the paused tasks. Their timed waits start again."""
-    for task in world.tasks.values():
-        if task.paused:
-            task.paused = False
-            waiting = task.waiting
-            if waiting is not None and waiting.duration is not None:
-                waiting.until = world.time + waiting.duration
-
-
 def continue_all(task: Task) -> None:
-    """Execute `Cont`: request the host to resume the paused tasks."""
     task.world.host.paused(False)
 
 
@@ -222,8 +194,9 @@ def set_trap(
 ) -> None:
     """Execute `Trap n, condition …` or `Trap event Xqt f`. Without a `target`, disarm the Trap.
 
-    `action` is what the Trap does. GoTo and Call interrupt the current statement of the task. With
-    Call, the task then waits until the function has ended. Xqt starts it as another task.
+    `action` is GoTo, Call or Xqt. GoTo and Call interrupt the current statement of the task. With
+    Call, the task then waits until the function `target` has ended. Xqt starts this function as
+    another task.
     """
     task.may('trap')
     world = task.world
@@ -239,7 +212,6 @@ def set_trap(
 
 
 def store_condition(task: Task, name: str, test: Test) -> None:
-    """Store the condition of `Till`, `Find` or `Sense`, for motions without one (`Go P1 Till`)."""
     task.may(name)
     task.world.conditions[name] = test
 
@@ -306,7 +278,6 @@ def message_box(
     title: str | None = None,
     answer: Reference | None = None,
 ) -> None:
-    """Execute `MsgBox text, buttons, title, answer`: wait until a button is pressed."""
     world, caller = task.world, task.caller
     pressed: list[int] = []
 
@@ -325,15 +296,17 @@ def message_box(
 
 
 def print_terminal(task: Task, text: str) -> None:
-    """Print to the terminal, or, within `Eval` and `$Execute`, collect the output."""
-    if task.outputs:
-        task.outputs[-1].append(text)
-    else:
+    if task.output is None:
         task.world.host.terminal.write(task.caller, text)
+    else:
+        task.output.append(text)
 
 
 def fill(name: str, line: str, targets: tuple[Reference, ...], whole: bool) -> None:
-    """Store an input line in `targets`: as a whole if `whole`, or split at commas and spaces."""
+    """Store an input line in the variables `targets`.
+
+    If `whole` is set, the line is not split. Otherwise it is split at commas and spaces.
+    """
     if whole:
         parts = [line]
     elif len(targets) == 1 and TYPES[targets[0][2]].kind == STRING:
@@ -349,7 +322,6 @@ def fill(name: str, line: str, targets: tuple[Reference, ...], whole: bool) -> N
 
 
 def input_terminal(task: Task, targets: tuple[Reference, ...], whole: bool) -> None:
-    """Execute `Input`, or `Line Input` if `whole`, from the terminal."""
     typed: list[str] = []
 
     def asked() -> bool:
@@ -367,7 +339,6 @@ def input_terminal(task: Task, targets: tuple[Reference, ...], whole: bool) -> N
 def redim(
     _task: Task, array: Array, bounds: tuple[int, ...], preserve: bool, shared: bool
 ) -> None:
-    """Execute `Redim [Preserve] a(…)`."""
     numbers, strings = _MAX_ELEMENTS[shared]
     maximum = strings if TYPES[array.type].kind == STRING else numbers
     if min(bounds) < 0 or size(bounds) > maximum:
@@ -376,7 +347,6 @@ def redim(
 
 
 def parse_into(_task: Task, text: str, into: Array, delimiters: str) -> None:
-    """Execute `ParseStr text, into, delimiters`."""
     parse_string(text, into, delimiters)
 
 
@@ -387,7 +357,6 @@ def format_into(_task: Task, value: Value, form: str, into: Reference) -> None:
 
 
 def set_point(task: Task, number: int, point: Point) -> None:
-    """Execute `P(n) = point`: store the point, with angles or pulses converted to a pose."""
     world = task.world
     world.points[within('P', number, 0, LAST_POINT)] = world.host.stored_point(point)
 
@@ -395,7 +364,6 @@ def set_point(task: Task, number: int, point: Point) -> None:
 def define_pallet(
     task: Task, number: int, *arguments: Point | int, words: tuple[str, ...] = ()
 ) -> None:
-    """Execute `Pallet n, P1, P2, P3[, P4], columns, rows`."""
     world = task.world
     corners = tuple(world.host.stored_point(item) for item in arguments if isinstance(item, Point))
     columns, rows = (item for item in arguments if not isinstance(item, Point))
@@ -403,7 +371,6 @@ def define_pallet(
 
 
 def clear_pallet(task: Task, number: float) -> None:
-    """Execute `PalletClr n`."""
     task.world.pallets.pop(nearest(number), None)
 
 
@@ -457,4 +424,7 @@ STATEMENTS: dict[str, Callable[..., None]] = {
     'where': where,
     'joint': lambda task: print_terminal(task, f'{task.world.host.value("joint", ())}\n'),
 }
-"""Name in lower case → function. ports.py has the network statements, Print and Input."""
+"""Name in lower case → function.
+
+The network statements, Print and Input are in ports.py.
+"""

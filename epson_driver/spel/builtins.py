@@ -15,13 +15,12 @@ from epson_driver.spel.values import Point
 
 
 def timer(task: Task, number: int) -> float:
-    """Return `Tmr(n)`: the time since `TmReset n`, or since the start, s, rounded to 1 ms."""
+    """Return `Tmr(n)`: the time since `TmReset n`, or else since the start, s, rounded to 1 ms."""
     started = task.world.timers.get(number, 0.0)
     return round(task.world.time - started, 3)
 
 
 def now(task: Task) -> datetime:
-    """Return the time of the controller's clock."""
     return task.world.started + timedelta(seconds=task.world.time)
 
 
@@ -31,7 +30,6 @@ def _time(task: Task, unit: int) -> int:
 
 
 def point(task: Task, number: int) -> Point:
-    """Return `P(n)`. Raises SpelError 7007 if the point is not defined."""
     world = task.world
     result = world.points.get(number)
     if result is None:
@@ -49,7 +47,6 @@ def _place(task: Task, number: int, position: int, row: int | None = None) -> Po
 
 
 def task_state(task: Task, which: int | str) -> int:
-    """Return `TaskState` of the task `which`, a number or a function's name."""
     result = task.world.task(which)
     if result is not None:
         return result.state
@@ -82,8 +79,6 @@ def _error(task: Task, which: int | str | None) -> TaskError | None:
 
 
 def _of_error(read: Callable[[TaskError], Any], blank: int | str) -> Callable[..., Any]:
-    """Return a function that applies `read` to a task's last error, or else returns `blank`."""
-
     def ask(task: Task, which: int | str | None = None) -> Any:
         error = _error(task, which)
         return read(error) if error is not None else blank
@@ -155,4 +150,7 @@ TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'memin': _bits(Memory.MEMORY, 8),
     'meminw': _bits(Memory.MEMORY, 16),
 }
-"""Name in lower case → function, for the functions that functions.py marks with 'task'."""
+"""Name in lower case → function.
+
+These are the functions that functions.py marks with 'task'.
+"""

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A compiled program: functions as lists of instructions, and their shared data."""
+"""A compiled program: functions as lists of instructions, and the variables they share."""
 
 from dataclasses import dataclass, field
 
@@ -10,18 +10,20 @@ from epson_driver.spel.syntax import Declare, File, Parameter
 from epson_driver.spel.values import Value
 
 WAITING = -1
-"""Return value of an instruction after which the task itself decides how to continue."""
+"""Return value of an instruction if the task itself decides how to continue after it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
     """A variable of the program.
 
-    * place: the list that contains it, 'v' for the variables of a call, 'g' for shared ones.
-    * slot: its index in that list.
+    * place: the list that contains it, 'v' for the variables of a call, 'g' for shared variables.
+    * slot: the index of the variable in that list.
     * bounds: the upper bounds of an array. An array parameter is the caller's array.
-    * by_reference: whether the element is the pair (list, index) of the caller's variable.
-    * preserved: whether it keeps its value from one start to the next (`Global Preserve`).
+    * by_reference: whether the list contains a reference instead of a value: the pair (list,
+      index) of the caller's variable.
+    * preserved: whether the variable keeps its value when the program restarts (`Global
+      Preserve`).
     """
 
     name: str
@@ -39,10 +41,10 @@ class Variable:
 class FunctionCode:
     """A compiled function. The first four lists have an entry for each instruction.
 
-    * lines: its position in the program.
-    * starts: the first instruction of its statement.
-    * following: the next instruction.
-    * source: its Python function, with the name o<index>_<pc>.
+    * lines: the position of the instruction in the program.
+    * starts: the first instruction of the same statement.
+    * following: the instruction that normally follows.
+    * source: the Python function of the instruction, with the name o<index>_<pc>.
     * passed_over: instructions that only jump to the end of an If or Select. Other jumps to them
       go directly to that end.
     """
@@ -65,7 +67,10 @@ class FunctionCode:
 
 @dataclass
 class Program:
-    """All functions of a project, its shared variables, and the generated Python in portions."""
+    """All functions of a project, and its shared variables.
+
+    It also contains the Python text generated from them, in portions.
+    """
 
     functions: list[FunctionCode]
     by_name: dict[str, FunctionCode]

@@ -3,11 +3,11 @@
 """All statements as one table: argument form, task types that cannot run them, versions.
 
 A form is a list of argument kinds separated by commas: `n` a number, `#` a number after #, `s` a
-string, `x` a number or a string, `p` a point, `q` the number of a point (P1, its label), `v` a
-variable, `a` a whole array, `w(A|B)` one of these words (or 1 for A, 0 for B, as in `Power n`).
-After a kind, `?` marks an optional argument, and `*` any number of arguments. `-` is the form of a
-statement without arguments. If a form starts with `@`, the parser's method with that name parses
-the statement. Task types and versions come from words.py.
+string, `x` a number or a string, `p` a point, `q` the number of a point (such as P1, or its
+label), `v` a variable, `a` a whole array, `w(A|B)` one of these words (or 1 for A, 0 for B, as in
+`Power n`). After a kind, `?` marks an optional argument, and `*` any number of arguments. `-` is
+the form of a statement without arguments. If a form starts with `@`, the parser's method with that
+name parses the statement. Task types and versions come from words.py.
 """
 
 import re
@@ -34,6 +34,12 @@ TASK_TYPE_WORDS = {
     'noemgabort': TaskType.NO_EMG_ABORT,
 }
 
+TRAP_EVENTS = {
+    **dict.fromkeys(('emergency', 'error', 'pause', 'sgopen', 'sgclose'), TaskType.NO_EMG_ABORT),
+    **dict.fromkeys(('abort', 'finish'), TaskType.NO_PAUSE),
+}
+"""Event of `Trap event Xqt f` → type of the task that runs the function f."""
+
 CONTROLLERS = {'rc620': 6, 'rc700a': 7, 'rc90': 7, 't': 7, 'vt': 7, 'rc800': 8}
 """Type of controller → major version of RC+."""
 
@@ -41,7 +47,7 @@ VERSIONS = tuple(sorted({*CONTROLLERS.values()}))
 
 ANYWHERE: frozenset[TaskType] = frozenset()
 NOT_AFTER_ESTOP = frozenset({TaskType.NO_EMG_ABORT, TaskType.BACKGROUND})
-"""Task types that refuse statements which move or set up a robot."""
+"""Types of tasks that must not execute statements that move or set up a robot."""
 
 _FORBIDDEN = {
     'Xqt': frozenset({TaskType.NO_EMG_ABORT, TaskType.TRAP}),
@@ -65,13 +71,16 @@ class CommandRule:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """Words of a switch such as `Motor On|Off`. 1 can replace the first, 0 the second word."""
+        """The two words of a switch such as `Motor On|Off`.
+
+        1 can replace the first word, and 0 the second.
+        """
         first = re.match(r'w\((\w+)\|(\w+)\)', self.form)
         return () if first is None else tuple(first.group(1, 2))
 
     @property
     def needs_arguments(self) -> bool:
-        """Whether an argument is required, except to display the current value."""
+        """Whether the statement requires an argument, unless it displays the current value."""
         first = self.form.split(',')[0]
         return bool(first) and first[0] != '@' and first[-1] not in '?*'
 
@@ -95,7 +104,7 @@ n,n?: Error WaitSig SyncLock
 n,n,n: Arch
 n,n?,n?,w(Forced)?: On Off
 n,n,w(Forced)?: Out OutW OpBCD
-s: SavePoints Del MkDir
+s: SavePoints Del
 s,s: Copy
 s,w(Merge)?: LoadPoints
 s,n?,s?,v?: MsgBox
@@ -114,7 +123,7 @@ WITHOUT_EFFECT = (
     'LimitTorque', 'LimZMargin', 'OLAccel', 'PerformMode', 'PTCLR', 'QPDecelR', 'QPDecelS',
     'SingularityAngle', 'SingularityDist', 'SingularitySpeed', 'SoftCP', 'VSD',
 )  # fmt: skip
-"""Settings of the robot that are accepted, but have no effect."""
+"""Settings of the robot that are accepted but have no effect."""
 
 _ROBOT_FORMS = f"""
 @: AbortMotion
@@ -140,14 +149,18 @@ MOVING = frozenset({'home', 'jtran', 'ptran'})
 """Statements that the host executes, and that move the arm without a target point."""
 
 SHOWN = {
-    **dict.fromkeys(('speed', 'speeds'), ((1, 2, 3),)),
+    'speed': ((1,), (2,), (3,)),  # p779
+    'speeds': ((1, 2, 3),),
     **dict.fromkeys(('accel', 'accels'), ((1, 2), (3, 4), (5, 6))),  # p69
     **dict.fromkeys(('arm', 'cp', 'limz', 'motor', 'power', 'robot', 'speedfactor', 'tool'), ()),
 }
 """Statement that prints its values if it has no argument → arguments for each printed line.
 
-The line contains the results of the function with the statement's name for these arguments.
+To print a line, the function with the statement's name is called with each of these arguments.
 """
+
+SHOWN_IN_LOW_POWER = {'speed': 'Low Power State: Speed is limited to 5'}
+"""Statement of SHOWN → line printed before its values in low power (p779)."""
 
 
 def _rules() -> Iterator[CommandRule]:
@@ -173,14 +186,13 @@ TYPES = {
         'ubyte', 'ushort', 'uint32', 'int64', 'uint64',
     )
 }  # fmt: skip
-"""Words that start a declaration, and the first version that has the type."""
+"""Words that start a declaration → first version of SPEL+ that has the type."""
 
 KEYWORDS = frozenset(name for name in WORDS if is_a('keyword', name)) - TYPES.keys()
-"""Words that cannot be used as the first word of a statement."""
+"""Words that cannot start a statement."""
 
 
 def forbidden(rule: CommandRule, words: tuple[str, ...], task: TaskType) -> bool:
-    """Return whether a type of task cannot run a statement."""
     if rule.name == 'Reset':
         return task in NOT_AFTER_ESTOP and 'error' not in words
     return task in rule.forbidden

@@ -3,56 +3,21 @@
 """Compiles functions to flat lists of instructions, so GoTo and EResume can jump anywhere.
 
 An instruction is a Python function. Its argument, the list `v`, contains the task, the parameters,
-the function's value, and the local variables. It returns the number of the next instruction, or
-WAITING when the task itself decides when to continue: after a call, a wait or an end. Such a task
-resumes at the following instruction.
+the function's value, and the local variables. It returns the number of the next instruction. After
+a call, a wait or an end it returns WAITING, because the task itself decides when to continue. The
+task then resumes at the following instruction.
 """
 
 import re
 from functools import singledispatchmethod
 
+from epson_driver.spel import syntax
 from epson_driver.spel.code import WAITING, FunctionCode, Variable
 from epson_driver.spel.commands import COMMANDS, TASK_TYPE_WORDS, CommandRule
 from epson_driver.spel.conditions import condition, is_condition
 from epson_driver.spel.errors import Position, Problem, SyntaxProblem
 from epson_driver.spel.expression_code import Expressions, check_depth
 from epson_driver.spel.scope import Scope
-from epson_driver.spel.syntax import (
-    Apply,
-    Argument,
-    Assign,
-    Block,
-    Call,
-    Command,
-    Declaration,
-    Do,
-    EResume,
-    Exit,
-    Expression,
-    For,
-    Function,
-    If,
-    Input,
-    Jump,
-    Label,
-    Motion,
-    Name,
-    OnErr,
-    Print,
-    Redim,
-    Return,
-    Select,
-    Share,
-    Statement,
-    Store,
-    Stub,
-    TaskCommand,
-    Transfer,
-    Trap,
-    Wait,
-    Xqt,
-    inner_blocks,
-)
 from epson_driver.spel.values import INT, NUMBERS, POINT, STRING, TYPES, Value
 
 COORDINATES = frozenset({'cx', 'cy', 'cz', 'cu', 'cv', 'cw'})
@@ -65,9 +30,9 @@ MOTION_VALUES: dict[str, dict[str, tuple[str, ...]]] = {
     'jump3cp': {'ppp': ()},
     'jumptlz': {'pn': ('tlz',)},
 }  # fmt: skip
-"""Motion → its possible arguments, as points (p) and numbers (n), with names of the numbers.
+"""Motion → its possible arguments, as points (p) and numbers (n) → names of the numbers.
 
-Motions that are not listed take one point.
+All other motions take one point.
 """
 
 _MARK = re.compile('\x01([0-9]+)\x01')
@@ -75,11 +40,9 @@ _WAITING = f'return {WAITING}'
 
 
 class Compiler:
-    """Compiles one function."""
-
     def __init__(
         self,
-        function: Function,
+        function: syntax.Function,
         scope: Scope,
         codes: dict[str, FunctionCode],
         problems: list[Problem],
@@ -90,7 +53,7 @@ class Compiler:
         self._codes = codes
         self._problems = problems
         self._code = codes[function.name.lower()]
-        self._expressions = Expressions(scope, self._user_call, self._evaluation)
+        self._expressions = Expressions(scope, self._user_call)
         self._expressions.notes = notes
         self._at = function.at
         self._start = 0
@@ -101,7 +64,6 @@ class Compiler:
         self._leaves: list[tuple[str, int]] = []
 
     def compile(self) -> None:
-        """Compile the function into its FunctionCode, and append any problems to the list."""
         code, function = self._code, self._function
         try:
             for number, parameter in enumerate(function.parameters, 1):
@@ -138,21 +100,21 @@ class Compiler:
         code.following = [self._through(pc + 1) for pc in range(len(code.source))]
         code.passed_over = set(self._jumps)
 
-    def _collect_labels(self, block: Block) -> None:
+    def _collect_labels(self, block: syntax.Block) -> None:
         for statement in block:
-            if isinstance(statement, Label):
+            if isinstance(statement, syntax.Label):
                 key = statement.name.lower()
                 if key in self._labels:
                     text = f'label {statement.name} occurs twice in the function'
                     self._problems.append(Problem(statement.at, 'label', text))
                 self._labels[key] = (self._mark(), statement.at)
-            for inner in inner_blocks(statement):
+            for inner in syntax.inner_blocks(statement):
                 self._collect_labels(inner)
 
     # Instructions
 
     def _mark(self) -> int:
-        """Return a new mark: a jump target that is not yet known."""
+        """Return a new mark, which stands for the target of a jump until the target is known."""
         self._marks.append(-1)
         return len(self._marks) - 1
 
@@ -171,11 +133,10 @@ class Compiler:
         return self._to(mark) if self._labels else '0'
 
     def _begin(self) -> None:
-        """Mark the next instruction as the start of a statement, where EResume can continue."""
+        """Mark the next instruction as the start of a statement, at which EResume can continue."""
         self._start = len(self._code.source)
 
     def _emit(self, body: str) -> None:
-        """Add an instruction, given the body of its Python function."""
         check_depth(body, self._at)
         code = self._code
         lines = '\n '.join(body.split('\n'))
@@ -188,22 +149,25 @@ class Compiler:
         self._emit(f'{body}\nreturn {self._to(len(self._marks) - 1)}')
 
     def _suspend(self, body: str) -> None:
-        """Add an instruction after which the task itself decides when to continue."""
+        """Add an instruction that returns WAITING, because the task decides when to continue."""
         self._emit(f'{body}\n{_WAITING}')
 
     def _jump(self, mark: int) -> None:
         self._emit(f'return {self._to(mark)}')
 
-    def _leave_block(self, body: Block, end: int) -> None:
-        """Add the jump from a branch to the end of its If or Select, unless the branch jumps."""
-        if body and isinstance(body[-1], Exit | Return | EResume):
+    def _leave_block(self, body: syntax.Block, end: int) -> None:
+        """Add the jump from a branch to the end of its If or Select.
+
+        A branch that itself ends with a jump needs none.
+        """
+        if body and isinstance(body[-1], syntax.Exit | syntax.Return | syntax.EResume):
             return
         self._begin()
         self._jumps[len(self._code.source)] = end
         self._jump(end)
 
     def _through(self, pc: int) -> int:
-        """Return the target of instruction `pc` if it is only a jump, or else `pc`."""
+        """Return the final target of instruction `pc` if it is only a jump, or else `pc`."""
         while pc in self._jumps:  # they all lead forward
             pc = self._marks[self._jumps[pc]]
         return pc
@@ -215,23 +179,16 @@ class Compiler:
         self._code.blanks.append(blank)
         return self._code.result_slot + len(self._code.blanks) - 1
 
-    def _user_call(self, name: str, arguments: tuple[Argument, ...], at: Position) -> int:
+    def _user_call(self, name: str, arguments: tuple[syntax.Argument, ...], at: Position) -> int:
         code = self._codes[name.lower()]
         passed = self._expressions.parameters(code.name, code.parameters, arguments, at)
         slot = self._slot()
         self._suspend(f'v[0].call(F[{code.index}], [{passed}], {slot})')
         return slot
 
-    def _evaluation(self, text: str, reply: str = 'None') -> int:
-        """Add the instructions of `Eval`, and return the index of its value in `v`."""
-        slot = self._slot()
-        self._suspend(f'v[0].evaluate({text}, {slot})')
-        self._fall_through(f'v[0].reply(v[{slot}], {reply})')
-        return slot
-
     # Blocks and statements
 
-    def _block(self, block: Block) -> None:
+    def _block(self, block: syntax.Block) -> None:
         for statement in block:
             self._at = statement.at
             self._begin()
@@ -241,11 +198,11 @@ class Compiler:
                 self._problems.append(problem.problem)
 
     @singledispatchmethod
-    def _statement(self, statement: Statement) -> None:
+    def _statement(self, statement: syntax.Statement) -> None:
         raise NotImplementedError(type(statement).__name__)
 
     @_statement.register
-    def _(self, statement: Declaration) -> None:
+    def _(self, statement: syntax.Declaration) -> None:
         for number, declared in enumerate(statement.variables):
             bounds = self._scope.bounds(statement, number)
             slot = self._slot(TYPES[statement.type].blank)
@@ -257,22 +214,24 @@ class Compiler:
                 self._code.arrays.append(variable)
 
     @_statement.register
-    def _(self, statement: Assign) -> None:
+    def _(self, statement: syntax.Assign) -> None:
         target = statement.target
         expressions = self._expressions
         if self._scope.variable(target.name) is None:
-            point = expressions.point_number(target.name) if isinstance(target, Name) else None
+            point = (
+                expressions.point_number(target.name) if isinstance(target, syntax.Name) else None
+            )
             if point is not None:
                 number, kind = point, POINT
-            elif isinstance(target, Apply) and target.name.lower() == 'p':
+            elif isinstance(target, syntax.Apply) and target.name.lower() == 'p':
                 number, kind = expressions.whole(target.arguments[0].value), POINT
-            elif isinstance(target, Apply) and target.name.lower() == 'plocal':
+            elif isinstance(target, syntax.Apply) and target.name.lower() == 'plocal':
                 number = expressions.which_point(target.arguments[0].value)
                 self._fall_through(
                     f's_plocal(v[0], {number}, {expressions.whole(statement.value)})'
                 )
                 return
-            elif isinstance(target, Apply) and target.name.lower() in COORDINATES:
+            elif isinstance(target, syntax.Apply) and target.name.lower() in COORDINATES:
                 number = expressions.which_point(target.arguments[0].value)
                 value = expressions.number(statement.value).text
                 axis = target.name[-1].lower()
@@ -288,7 +247,7 @@ class Compiler:
         self._fall_through(f'{place} = {expressions.as_type(statement.value, type_name)}')
 
     @_statement.register
-    def _(self, statement: If) -> None:
+    def _(self, statement: syntax.If) -> None:
         end = self._mark()
         for test, body in statement.branches:
             self._at = test.at
@@ -303,7 +262,7 @@ class Compiler:
         self._set(end)
 
     @_statement.register
-    def _(self, statement: Select) -> None:
+    def _(self, statement: syntax.Select) -> None:
         expressions = self._expressions
         subject = expressions.value(statement.subject)
         if subject.kind == POINT:
@@ -335,7 +294,7 @@ class Compiler:
         self._set(end)
 
     @_statement.register
-    def _(self, statement: Do) -> None:
+    def _(self, statement: syntax.Do) -> None:
         top, inside, end = self._mark(), self._mark(), self._mark()
         self._set(top)
         if statement.before is not None:
@@ -358,7 +317,7 @@ class Compiler:
         self._set(end)
 
     @_statement.register
-    def _(self, statement: For) -> None:
+    def _(self, statement: syntax.For) -> None:
         expressions = self._expressions
         place, type_name = expressions.place(statement.variable)
         if TYPES[type_name].kind == STRING:
@@ -382,13 +341,13 @@ class Compiler:
         self._begin()
         name = expressions.temporary()
         self._emit(
-            f'{name} = store({place} + v[{step}], {type_name!r}, WHOLE)\n'
+            f'{name} = store({place} + v[{step}], {type_name!r})\n'
             f'{place} = {name}\nreturn {self._to(top)}'
         )
         self._set(end)
 
     @_statement.register
-    def _(self, statement: Exit) -> None:
+    def _(self, statement: syntax.Exit) -> None:
         if statement.what == 'function':
             self._suspend('v[0].leave()')
             return
@@ -400,11 +359,11 @@ class Compiler:
         raise SyntaxProblem(statement.at, f'Exit {word} outside a {word}')
 
     @_statement.register
-    def _(self, statement: Label) -> None:
+    def _(self, statement: syntax.Label) -> None:
         self._set(self._labels[statement.name.lower()][0])
 
     @_statement.register
-    def _(self, statement: Jump) -> None:
+    def _(self, statement: syntax.Jump) -> None:
         target = self._label(statement.label, statement.at)
         if statement.kind == 'goto':
             self._emit(f'return {target}')
@@ -412,18 +371,18 @@ class Compiler:
             self._emit(f'v[0].gosub({len(self._code.source) + 1})\nreturn {target}')
 
     @_statement.register
-    def _(self, statement: Return) -> None:
+    def _(self, statement: syntax.Return) -> None:
         self._emit('return v[0].gosub_return()')
 
     @_statement.register
-    def _(self, statement: OnErr) -> None:
+    def _(self, statement: syntax.OnErr) -> None:
         target = '-1'
         if statement.label is not None:
             target = self._label(statement.label, statement.at)
         self._fall_through(f'v[0].on_error({target})')
 
     @_statement.register
-    def _(self, statement: EResume) -> None:
+    def _(self, statement: syntax.EResume) -> None:
         if statement.kind == 'label':
             target = self._label(statement.label, statement.at)
             self._emit(f'v[0].resumed()\nreturn {target}')
@@ -431,19 +390,19 @@ class Compiler:
             self._emit(f'return v[0].resume({statement.kind == "next"})')
 
     @_statement.register
-    def _(self, statement: Call) -> None:
+    def _(self, statement: syntax.Call) -> None:
         key = statement.name.lower()
         if key in self._codes:
             self._user_call(statement.name, statement.arguments, statement.at)
             return
         if key in self._scope.libraries:
-            call = Apply(statement.name, statement.arguments, statement.at)
+            call = syntax.Apply(statement.name, statement.arguments, statement.at)
             self._fall_through(self._expressions.value(call).text)
             return
         raise SyntaxProblem(statement.at, f'there is no function {statement.name}', 'unknown')
 
     @_statement.register
-    def _(self, statement: Command) -> None:
+    def _(self, statement: syntax.Command) -> None:
         rule = COMMANDS[statement.name.lower()]
         count = len(statement.arguments)
         kinds = {
@@ -465,12 +424,14 @@ class Compiler:
             words = f', words={statement.words!r}' if statement.words else ''
             self._suspend(f's_{rule.name.lower()}(v[0], {values.rstrip(", ")}{words})')
 
-    def _argument(self, rule: CommandRule, place: int, argument: Expression, kind: str) -> str:
+    def _argument(
+        self, rule: CommandRule, place: int, argument: syntax.Expression, kind: str
+    ) -> str:
         expressions = self._expressions
         if kind == 'v':
             return expressions.taker(argument)[0]
         if kind == 'a':
-            return expressions.array(Argument(argument))[0]
+            return expressions.array(syntax.Argument(argument))[0]
         if kind == 's':
             return expressions.string(argument)
         if kind == 'p':
@@ -486,7 +447,7 @@ class Compiler:
         return expressions.ranged(rule.name, rule.name.lower(), place, argument, code)
 
     @_statement.register
-    def _(self, statement: Print) -> None:
+    def _(self, statement: syntax.Print) -> None:
         expressions = self._expressions
         items = []
         for item in statement.items:
@@ -496,7 +457,7 @@ class Compiler:
         self._suspend(f's_print(v[0], {port}, ({"".join(items)}), {statement.line})')
 
     @_statement.register
-    def _(self, statement: Input) -> None:
+    def _(self, statement: syntax.Input) -> None:
         expressions = self._expressions
         targets = []
         for target in statement.targets:
@@ -508,13 +469,13 @@ class Compiler:
         self._suspend(f's_input(v[0], {port}, ({"".join(targets)}), {statement.whole_line})')
 
     @_statement.register
-    def _(self, statement: Transfer) -> None:
+    def _(self, statement: syntax.Transfer) -> None:
         expressions = self._expressions
         name = statement.name.lower()
         value = statement.value.value
         port = expressions.whole(statement.port)
         count = 'None' if statement.count is None else expressions.whole(statement.count)
-        variable = self._scope.variable(value.name) if isinstance(value, Name) else None
+        variable = self._scope.variable(value.name) if isinstance(value, syntax.Name) else None
         if statement.value.whole_array or (variable is not None and variable.array):
             code, type_name = expressions.array(statement.value)
             if TYPES[type_name].kind != INT or not name.endswith('bin'):
@@ -536,7 +497,7 @@ class Compiler:
         self._suspend(f's_{name}(v[0], {port}, {code}, {count})')
 
     @_statement.register
-    def _(self, statement: Xqt) -> None:
+    def _(self, statement: syntax.Xqt) -> None:
         code = self._codes.get(statement.function.lower())
         if code is None:
             text = f'there is no function {statement.function}'
@@ -554,7 +515,7 @@ class Compiler:
         self._fall_through(f'v[0].xqt({number}, F[{code.index}], [{passed}], {kind})')
 
     @_statement.register
-    def _(self, statement: TaskCommand) -> None:
+    def _(self, statement: syntax.TaskCommand) -> None:
         task = repr(statement.function.lower()) if statement.function else 'None'
         if statement.task is not None:
             expressions, name = self._expressions, statement.name
@@ -563,7 +524,7 @@ class Compiler:
         self._suspend(f's_{statement.name.lower()}(v[0], {task})')
 
     @_statement.register
-    def _(self, statement: Wait) -> None:
+    def _(self, statement: syntax.Wait) -> None:
         expressions = self._expressions
         what = statement.condition
         if what is None or not is_condition(what, self._scope):
@@ -576,17 +537,17 @@ class Compiler:
         time = 'None' if statement.time is None else self._time(statement.time)
         self._suspend(f'{before}s_waitcondition(v[0], lambda: {test}, {time})')
 
-    def _time(self, time: Expression) -> str:
+    def _time(self, time: syntax.Expression) -> str:
         expressions = self._expressions
         return expressions.ranged('Wait', 'wait', 0, time, expressions.number(time).text)
 
     @_statement.register
-    def _(self, statement: Store) -> None:
+    def _(self, statement: syntax.Store) -> None:
         before, test = condition(statement.condition, self._expressions)
         self._fall_through(f'{before}s_store(v[0], {statement.name.lower()!r}, lambda: {test})')
 
     @_statement.register
-    def _(self, statement: Trap) -> None:
+    def _(self, statement: syntax.Trap) -> None:
         expressions = self._expressions
         number = 'None' if statement.number is None else expressions.whole(statement.number)
         before, test = '', 'None'
@@ -617,11 +578,11 @@ class Compiler:
         self._fall_through(f'{before}s_trap(v[0], {arguments})')
 
     @_statement.register
-    def _(self, statement: Redim) -> None:
+    def _(self, statement: syntax.Redim) -> None:
         expressions = self._expressions
         variable = self._scope.variable(statement.name)
-        name = Name(statement.name, statement.at)
-        code, _ = expressions.array(Argument(name, whole_array=True))
+        name = syntax.Name(statement.name, statement.at)
+        code, _ = expressions.array(syntax.Argument(name, whole_array=True))
         assert variable is not None  # noqa: S101 - array() has refused that
         if not variable.bounds:
             text = f'{statement.name} is ByRef: Redim cannot change it'
@@ -634,7 +595,7 @@ class Compiler:
         self._fall_through(f's_redim(v[0], {code}, ({bounds}), {statement.preserve}, {shared})')
 
     @_statement.register
-    def _(self, statement: Motion) -> None:
+    def _(self, statement: syntax.Motion) -> None:
         expressions = self._expressions
         name = statement.name.lower()
         points, numbers = self._motion_values(statement)
@@ -658,8 +619,11 @@ class Compiler:
             f'{beside}, {modifiers})'
         )
 
-    def _motion_values(self, motion: Motion) -> tuple[str, str]:
-        """Return the Python text of a motion's points, the target last, and of its numbers."""
+    def _motion_values(self, motion: syntax.Motion) -> tuple[str, str]:
+        """Return the Python text of a motion's points and of its numbers.
+
+        The target is the last point.
+        """
         expressions, name = self._expressions, motion.name.lower()
         if name == 'pulse':
             values = ''.join(f'{expressions.number(item).text}, ' for item in motion.points)
@@ -681,8 +645,11 @@ class Compiler:
         numbers = ''.join(f'{kind!r}: {code.text}, ' for kind, code in named)
         return ''.join(f'{point}, ' for point in points), numbers
 
-    def _beside(self, motion: Motion) -> str:
-        """Add the parallel statements (`!…!`), with a jump over them, and return their start."""
+    def _beside(self, motion: syntax.Motion) -> str:
+        """Add the parallel statements (`!…!`) of a motion, with a jump over them.
+
+        Return the Python text of the number of their first instruction.
+        """
         start, at = self._start, self._at
         inside, behind = self._mark(), self._mark()
         self._jump(behind)
@@ -696,26 +663,33 @@ class Compiler:
         return self._to(inside)
 
     @_statement.register
-    def _(self, statement: Share) -> None:
+    def _(self, statement: syntax.Share) -> None:
         expressions, percent = self._expressions, statement.percent
         code = expressions.ranged('D', 'd', 0, percent, expressions.number(percent).text)
         self._suspend(f'v[0].wait_fraction({code})')
 
     @_statement.register
-    def _(self, statement: Stub) -> None:
+    def _(self, statement: syntax.Stub) -> None:
         expressions = self._expressions
         codes = [self._stub_argument(argument) for argument in statement.arguments]
         codes += [expressions.stub_argument(argument) for argument in statement.indices]
         expressions.note_stub(statement.name, statement.at)
         self._suspend(f'v[0].stub({statement.name!r}, ({"".join(f"{item}, " for item in codes)}))')
 
-    def _stub_argument(self, argument: Argument) -> str:
-        """Compile an argument of a statement that is not simulated. Variables are by reference."""
+    def _stub_argument(self, argument: syntax.Argument) -> str:
+        """Compile an argument of a statement that is not simulated.
+
+        A variable is passed by reference.
+        """
         expressions, value = self._expressions, argument.value
-        variable = self._scope.variable(value.name) if isinstance(value, Name | Apply) else None
+        variable = (
+            self._scope.variable(value.name)
+            if isinstance(value, syntax.Name | syntax.Apply)
+            else None
+        )
         if variable is None:
             return expressions.stub_argument(argument)
-        if variable.array and isinstance(value, Name):
+        if variable.array and isinstance(value, syntax.Name):
             return expressions.array(argument)[0]
         return expressions.taker(value)[0]
 
@@ -724,9 +698,9 @@ def _spelled(shape: str) -> str:
     return f'({", ".join("point" if item == "p" else "number" for item in shape)})'
 
 
-def _gives_value(function: Function) -> bool:
+def _gives_value(function: syntax.Function) -> bool:
     return any(
-        isinstance(node, Assign) and node.target.name.lower() == function.name.lower()
+        isinstance(node, syntax.Assign) and node.target.name.lower() == function.name.lower()
         for node in function.nodes
     )
 

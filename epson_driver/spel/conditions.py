@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conditions of Wait, Till, Sense, Find and Trap: inputs, states and shared integer variables.
 
-The controller evaluates them while the task waits. The left side must therefore be available
-without the task. The right side is evaluated once, when the statement starts (SPEL+ manual p881,
-p859).
+The controller evaluates a condition repeatedly while the task waits. The left side can therefore
+not use values that only the task can access, such as local variables. The right side is evaluated
+once, when the statement starts (SPEL+ manual p881, p859).
 """
 
 from epson_driver.spel.errors import SyntaxProblem
@@ -32,7 +32,10 @@ def is_condition(expression: Expression, scope: Scope) -> bool:
 
 
 def condition(expression: Expression, expressions: Expressions) -> tuple[str, str]:
-    """Compile a condition to Python: lines that run once at its statement, and the test itself."""
+    """Compile a condition to Python.
+
+    Return the lines that its statement executes once, and the expression that is tested.
+    """
     before: list[str] = []
     test = _test(expression, expressions, before)
     return ''.join(f'{line}\n' for line in before), test
@@ -48,7 +51,7 @@ def _test(expression: Expression, expressions: Expressions, before: list[str]) -
     if isinstance(expression, Unary) and expression.operator == 'not':
         return f'(not {_test(expression.operand, expressions, before)})'
     if isinstance(expression, Binary) and expression.operator in _COMPARE:
-        expression = against_true(expression, expressions.scope)
+        expression = against_true(expression)
         left = _event(expression.left, expressions, before)
         right = _once(expression.right, expressions, before)
         return f'({left} {_COMPARE[expression.operator]} {right})'
@@ -56,7 +59,10 @@ def _test(expression: Expression, expressions: Expressions, before: list[str]) -
 
 
 def _once(expression: Expression, expressions: Expressions, before: list[str]) -> str:
-    """Add a line to `before` that evaluates a whole number, and return the name of its value."""
+    """Add a line to `before` that evaluates an expression to a whole number.
+
+    Return the name of the Python variable with its value.
+    """
     name = expressions.temporary()
     before.append(f'{name} = {expressions.whole(expression)}')
     return name

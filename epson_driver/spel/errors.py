@@ -18,7 +18,6 @@ SETTINGS_FILE = 'spel.yaml'
 
 
 def to_add(key: str, line: str) -> str:
-    """Return the advice to add a missing setting."""
     return f'add `{line}` under `{key}:` in {SETTINGS_FILE}'
 
 
@@ -35,8 +34,6 @@ class Position(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One problem of a program: its position, the rule's name, a sentence."""
-
     position: Position
     rule: str
     text: str
@@ -48,7 +45,7 @@ class Problem:
 
 
 class ProgramError(InputError):
-    """A program that cannot be started. The text has a line for each problem."""
+    """A program that cannot be started. The text lists the problems, one in each line."""
 
     def __init__(self, problems: list[Problem]) -> None:
         more = len(problems) - LISTED
@@ -58,8 +55,6 @@ class ProgramError(InputError):
 
 
 class SyntaxProblem(Exception):  # noqa: N818 - it is caught line by line, and becomes a Problem
-    """A syntax error in one statement, raised by the parser and the compiler."""
-
     def __init__(self, position: Position, text: str, rule: str = 'syntax') -> None:
         super().__init__(f'{position}: {text}')
         self.problem = Problem(position, rule, text)
@@ -139,8 +134,6 @@ def meaning(number: int) -> str:
 
 
 class SpelError(Exception):
-    """An error while a program runs: its number, and its details."""
-
     def __init__(self, number: int, text: str = '') -> None:
         self.number = int(number)
         self.text = text or meaning(self.number)
@@ -148,14 +141,11 @@ class SpelError(Exception):
 
 
 def bad(name: str, text: str) -> SpelError:
-    """Return the error for an argument of a statement or function that is out of range."""
     return SpelError(ErrorNumber.ARGUMENT, f'{name}: {text}')
 
 
 @dataclass(frozen=True, slots=True)
 class TaskError:
-    """An error as displayed by RC+: number, text, file and line, function and task."""
-
     number: int
     text: str
     position: Position

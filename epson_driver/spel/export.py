@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A complete RC+ project: programs, with every file that RC+ expects.
 
-The layout follows projects written by RC+ 7.0.5 and 6.0.0, of which 52 public ones were compared.
-Newer versions are expected to convert them, because EPSON's own samples are equally old. RC+
-itself has not opened an exported project yet.
+The layout follows projects written by RC+ 7.0.5 and 6.0.0, of which 52 public projects were
+compared. Newer versions of RC+ are expected to convert these formats, because EPSON's own samples
+are equally old. RC+ itself has not opened an exported project yet.
 """
 
 import uuid
@@ -44,7 +44,7 @@ _MONITOR_OFF = (('CustomView3Tab', _OFF), ('AllowChangeOutputs', _OFF))
 def exported(
     name: str, files: Mapping[str, str], version: int, when: datetime
 ) -> dict[str, bytes]:
-    """Return a project's files by name: `files` and the other files that RC+ needs.
+    """Return the files of an RC+ project by name: `files`, and the other files that RC+ needs.
 
     `files` must be ASCII, `when` must have a time zone. The same arguments give the same bytes.
     """

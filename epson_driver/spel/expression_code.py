@@ -42,7 +42,9 @@ from epson_driver.spel.values import (
     TYPES,
     type_word,
 )
-from epson_driver.spel.words import is_a
+from epson_driver.spel.words import is_a, not_simulated
+
+OFFSET = re.compile(r'([XYZUVWRST])(\d+)', re.IGNORECASE)  # written in place of X(50) by mistake
 
 _COMPARE = {'=': '==', '<>': '!=', '<': '<', '>': '>', '<=': '<=', '>=': '>='}
 _BITS = {'and': '&', 'or': '|', 'xor': '^', 'mask': '&'}
@@ -58,63 +60,66 @@ _DEEPEST_PYTHON = 90
 
 
 class Code(NamedTuple):
-    """A compiled expression: its Python text, its value's kind, and its text as a condition."""
+    """A compiled expression.
+
+    It contains its Python text, the kind of its value, and its text as a condition.
+    """
 
     text: str
     kind: str
     truth: str = ''
     checked: bool = False
-    """Whether its value needs no range check: -1 or 0, or a Double or string of a variable."""
+    """Whether the value needs no range check.
+
+    This is so for -1 and 0, and for a variable of the type Double or String.
+    """
 
 
 def check_count(rule: FunctionRule, arguments: Sequence[Argument], at: Position) -> None:
-    """Raise SyntaxProblem unless the number of arguments is valid for a function."""
     minimum, maximum = counts(rule.arguments)
     if not minimum <= len(arguments) <= maximum:
         number = str(minimum) if minimum == maximum else f'{minimum} to {maximum}'
         text = f'{rule.name} takes {number} arguments, not {len(arguments)}'
+        if maximum == 0:
+            text = f'{rule.name} takes no arguments: write {rule.name}'
         raise SyntaxProblem(at, text, 'arguments')
 
 
 class Expressions:
     """Compiles the expressions of one function to Python.
 
-    `call` adds the instruction that calls a function of the program, `evaluate` adds the
-    instructions of `Eval`. Both return the index of the result in `v`.
+    `call` adds the instruction that calls a function of the program, and returns the index of the
+    function's result in `v`.
     """
 
     def __init__(
         self,
         scope: Scope,
         call: Callable[[str, tuple[Argument, ...], Position], int],
-        evaluate: Callable[..., int],
     ) -> None:
         self.scope = scope
-        self._evaluate = evaluate
         self.notes: list[Problem] = []
-        """Warnings about code that is allowed but not recommended."""
+        """Warnings about code that is allowed, but not recommended."""
         self._call = call
         self._temporaries = 0
 
     def temporary(self) -> str:
-        """Return a Python name that is not yet used in this function."""
         self._temporaries += 1
         return f'_{self._temporaries}'
 
     # Values by kind
 
     def number(self, expression: Expression) -> Code:
-        """Compile an expression. Raises SyntaxProblem if its value is not a number."""
         return self._expect(expression, NUMBERS, 'a number')
 
     def whole(self, expression: Expression) -> str:
-        """Compile a number, and convert a real to a whole number, as an assignment does."""
+        """Compile a number. A real number is rounded to a whole number, as in an assignment."""
         return _rounded(self.number(expression))
 
     def ranged(self, name: str, key: str, place: int, value: Expression, code: str) -> str:
-        """Return `code`, the Python text of `value`, with a range check if one is needed.
+        """Return `code`, the Python text of `value`. Add a range check if one is needed.
 
-        `key` and `place` select the range (`ranges.limits`), `name` is for the error.
+        `key` and `place` select the range (`ranges.limits`). `name` appears in the error.
         """
         ends = limits(key, place)
         if ends is None or code.startswith("'"):  # a task's function
@@ -127,11 +132,9 @@ class Expressions:
         return f'({number} if {within} else REFUSE({name!r}, {key!r}, {place}, {number}))'
 
     def string(self, expression: Expression) -> str:
-        """Compile an expression. Raises SyntaxProblem if its value is not a string."""
         return self._expect(expression, (STRING,), 'a string').text
 
     def text_or_number(self, expression: Expression) -> str:
-        """Compile an expression. Raises SyntaxProblem if its value is a point."""
         return self._expect(expression, (*NUMBERS, STRING), 'a number or a string').text
 
     def point(self, expression: Expression) -> str:
@@ -145,7 +148,6 @@ class Expressions:
         return self._expect(expression, (POINT,), 'a point').text
 
     def point_or_number(self, expression: Expression) -> Code:
-        """Compile an expression. Raises SyntaxProblem if its value is a string."""
         if self._labelled(expression) is not None:
             return Code(self.point(expression), POINT)
         return self._expect(expression, (POINT, *NUMBERS), 'a point or a number')
@@ -162,12 +164,10 @@ class Expressions:
         return code
 
     def truth(self, expression: Expression) -> str:
-        """Compile a number to a Python condition."""
         code = self.number(expression)
         return code.truth or code.text
 
     def as_type(self, expression: Expression, type_name: str) -> str:
-        """Compile an expression, and convert its value to the type of a variable."""
         target = TYPES[type_name]
         fixed = constant(expression, self.scope.constants)
         code = self.value(expression)
@@ -184,7 +184,6 @@ class Expressions:
         return self._converted(code, type_name)
 
     def _note(self, expression: Expression, code: Code, type_name: str) -> None:
-        """Add a warning if the conversion to `type_name` may change the value."""
         target = TYPES[type_name]
         if target.kind != INT or type_name == 'boolean':
             return
@@ -227,7 +226,6 @@ class Expressions:
     # Variables
 
     def read(self, variable: Variable) -> Code:
-        """Compile the value of a variable."""
         kind = TYPES[variable.type].kind
         place = f'{variable.place}[{variable.slot}]'
         if variable.by_reference:
@@ -243,7 +241,7 @@ class Expressions:
         return f'{variable.place}[{variable.slot}]', variable.type
 
     def _element(self, variable: Variable, target: Apply) -> tuple[str, str]:
-        """Return the Python text of an array's list, and of an element's index in it."""
+        """Return the Python text of an array's list, and of the index of the element `target`."""
         array = f'{variable.place}[{variable.slot}]'
         dimensions = len(variable.bounds)
         indices = target.arguments
@@ -285,7 +283,7 @@ class Expressions:
         return f'({variable.place}, {variable.slot})', variable.type
 
     def taker(self, expression: Expression) -> tuple[str, str]:
-        """Return the Python text of a Reference to a variable, and the type of the variable."""
+        """Return the Python text that makes a Reference to a variable, and the variable's type."""
         if not isinstance(expression, Name | Apply):
             raise SyntaxProblem(expression.at, 'must be a variable', 'type')
         reference, type_name = self.reference(expression)
@@ -306,7 +304,6 @@ class Expressions:
     # Expressions
 
     def value(self, expression: Expression) -> Code:
-        """Compile an expression of any type."""
         if isinstance(expression, Number):
             if isinstance(expression.value, int):
                 return Code(str(expression.value), INT)
@@ -344,7 +341,7 @@ class Expressions:
         return Code(f'(~{code.text})', INT, truth, checked=bool(truth))
 
     def _binary(self, expression: Binary) -> Code:
-        expression = against_true(expression, self.scope)
+        expression = against_true(expression)
         operator, at = expression.operator, expression.at
         left, right = self.value(expression.left), self.value(expression.right)
         if left.kind == right.kind == POINT and operator in ('+', '-'):
@@ -404,7 +401,10 @@ class Expressions:
         return self._function(name, (), expression.at)
 
     def point_number(self, name: str) -> str | None:
-        """Return the Python text of a point's number (P1, a label, `Pi` for `P(i)`), or None."""
+        """Return the Python text of the number of a point that is named, or None.
+
+        The name is P1, a label, or `Pi`, which means `P(i)`.
+        """
         if is_point_literal(name):
             return str(int(name[1:]))
         if (labelled := self.scope.point_number(name)) is not None:
@@ -415,7 +415,10 @@ class Expressions:
         return self.read(variable).text
 
     def which_point(self, expression: Expression) -> str:
-        """Compile the number of a point: P1, P(i), a label, a string with a label, or a number."""
+        """Compile the number of a point.
+
+        The point is given as P1, P(i), a label, a string with a label, or a number.
+        """
         if isinstance(expression, Name):
             number = self.point_number(expression.name)
             if number is not None and self.scope.variable(expression.name) is None:
@@ -455,12 +458,13 @@ class Expressions:
             if is_a('statement', key) or is_a('keyword', key):
                 raise SyntaxProblem(at, f'{name} has no value', 'syntax')
             what = 'function or array' if arguments else 'variable, constant or function'
-            raise SyntaxProblem(at, f'unknown {what} {name[:40]}', 'unknown')
+            offset = OFFSET.fullmatch(name)
+            hint = f': the offset of a point is {offset[1]}({offset[2]})' if offset else ''
+            raise SyntaxProblem(at, f'unknown {what} {name[:40]}{hint}', 'unknown')
         return self._built_in(rule, arguments, at)
 
     def note_stub(self, name: str, at: Position) -> None:
-        """Add a warning that the word `name` of SPEL+ is not simulated."""
-        text = f'{name} is not simulated: to run it, {to_add("stubs", f"{name}: RESULT")}'
+        text = f'{not_simulated(name)}: to run it, {to_add("stubs", f"{name}: RESULT")}'
         self.notes.append(Problem(at, 'not-simulated', text, warning=True))
 
     def _stub(self, name: str, arguments: tuple[Argument, ...], at: Position) -> Code:
@@ -470,7 +474,10 @@ class Expressions:
         return Code(f'v[0].ask({name!r}, ({codes}), {kind!r})', kind)
 
     def stub_argument(self, argument: Argument) -> str:
-        """Compile an argument. An unknown name (vision sequence or window) becomes a string."""
+        """Compile an argument of a statement that is not simulated.
+
+        An unknown name, such as a vision sequence or a window, becomes a string.
+        """
         value = argument.value
         if argument.whole_array:
             return self.array(argument)[0]
@@ -501,8 +508,6 @@ class Expressions:
             passed += ', True'
         if rule.by == 'value':
             text = f'f_{name}({passed})'
-        elif rule.by == 'call':
-            text = f'v[{self._evaluate(*(code.text for code in codes))}]'
         elif rule.by == 'task':
             text = f't_{name}(v[0]{", " if passed else ""}{passed})'
         else:
@@ -527,11 +532,6 @@ class Expressions:
             return Code(self.point(value), POINT)
         if kind == 'q':
             return Code(self.which_point(value), INT)
-        if kind == 'v':
-            taker, type_name = self.taker(value)
-            if TYPES[type_name].kind != STRING:
-                raise SyntaxProblem(value.at, 'must be a string variable', 'type')
-            return Code(taker, STRING)
         if kind == 't' and isinstance(value, Name):
             key = value.name.lower()
             if key in self.scope.functions and self.scope.variable(key) is None:
@@ -555,7 +555,6 @@ class Expressions:
         arguments: tuple[Argument, ...],
         at: Position,
     ) -> str:
-        """Compile the arguments of a call. Raises SyntaxProblem if number or types are wrong."""
         if len(parameters) != len(arguments):
             text = f'{name} takes {len(parameters)} arguments, not {len(arguments)}'
             raise SyntaxProblem(at, text, 'arguments')
@@ -592,7 +591,7 @@ _QUOTED = re.compile(r"'(?:[^'\\]|\\.)*'" + r'|"(?:[^"\\]|\\.)*"')
 
 
 def check_depth(text: str, at: Position) -> None:
-    """Raise SyntaxProblem for an instruction with too many brackets for Python's compiler."""
+    """Raise SyntaxProblem if an instruction has too many nested brackets for Python's compiler."""
     depth = deepest = 0
     for sign in _QUOTED.sub('', text):
         if sign in '([{':

@@ -1,6 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parses expressions of SPEL+. Precedence: `( )`, `** * / Mod + - = <> < > Not And Or Xor`."""
+"""Parses expressions of SPEL+.
+
+The operators in order of precedence: `( )`, `**`, `* /`, `Mod`, `+ -`, `Mask`, comparisons, `Not`,
+`And`, `Or`, `Xor`.
+"""
 
 from collections.abc import Container
 
@@ -26,7 +30,7 @@ DEEPEST = 40
 """Maximum nesting of brackets, signs and Nots."""
 
 MAX_OPERATORS = 100
-"""Maximum operators in one statement."""
+"""Maximum number of operators in one statement."""
 
 _LEVELS: tuple[tuple[str, ...], ...] = (
     ('xor',),
@@ -51,7 +55,6 @@ _FLAG_OF_ANGLE = ('j1a', 'j4a')
 
 
 def is_point_literal(name: str) -> bool:
-    """Return whether a name is P0, P1 and so on."""
     return name[:1] in 'pP' and name[1:].isdigit() and name.isascii() and len(name) < 8
 
 
@@ -65,7 +68,10 @@ def _is_flag(token: Token) -> bool:
 
 
 class Reader:
-    """Reads the tokens of one statement from the left. `labels`: point labels, in lower case."""
+    """Reads the tokens of one statement from the left.
+
+    `labels`: the labels of points, in lower case.
+    """
 
     def __init__(
         self, found: list[Token], at: Position, labels: Container[str] = frozenset()
@@ -82,16 +88,21 @@ class Reader:
 
     @property
     def here(self) -> Token:
-        """Return the next token, or END after the last one."""
         return self.look(0)
 
     def look(self, ahead: int) -> Token:
-        """Return the token at the offset `ahead` from the next one, or END after the last one."""
+        """Return the token at the offset `ahead` from the next token.
+
+        After the last token, return END.
+        """
         index = self._next + ahead
         return self._tokens[index] if index < len(self._tokens) else self._end
 
     def past_brackets(self, ahead: int = 0) -> int:
-        """Return the offset of the token after the brackets that open at the offset `ahead`."""
+        """Return the offset of the token after a pair of brackets.
+
+        The brackets open at the offset `ahead`.
+        """
         depth = 0
         while (token := self.look(ahead)).kind != END:
             depth += (token.text == '(') - (token.text == ')')
@@ -101,70 +112,60 @@ class Reader:
         return ahead
 
     def step(self) -> Token:
-        """Read the next token."""
         token = self.here
         self._next += 1
         return token
 
     def wrong(self, expected: str) -> SyntaxProblem:
-        """Return the SyntaxProblem for a next token that is not the `expected` one."""
         token = self.here
         result = token.text[:40] or token.kind
         return SyntaxProblem(token.position, f'expected {expected}, found {result}')
 
     def at_end(self) -> bool:
-        """Return whether all tokens have been read."""
         return self.here.kind == END
 
     def end(self) -> None:
-        """Raise SyntaxProblem unless all tokens have been read."""
         if not self.at_end():
             raise self.wrong('the end of the statement')
 
     def sees(self, *texts: str) -> bool:
-        """Return whether the next token is one of these names or signs, without reading it."""
         token = self.here
         return token.kind in (NAME, SYMBOL) and token.lower in texts
 
     def takes(self, *texts: str) -> bool:
-        """Read the next token if it is one of these names or signs. Return whether it is."""
+        """Read the next token if it is one of these names or signs. Return whether it was read."""
         if self.sees(*texts):
             self._next += 1
             return True
         return False
 
     def need(self, text: str) -> Token:
-        """Read the name or sign `text`. Raises SyntaxProblem if the next token is another one."""
         if not self.sees(text):
             raise self.wrong('a comma' if text == ',' else text)
         return self.step()
 
     def name(self, what: str) -> Token:
-        """Read any name. Raises SyntaxProblem, with the description `what`, for another token."""
         if self.here.kind != NAME:
             raise self.wrong(what)
         return self.step()
 
     def expression(self) -> Expression:
-        """Parse an expression."""
-        self._depth += 1
-        if self._depth > DEEPEST:
-            raise SyntaxProblem(
-                self.here.position, 'the expression is nested too deeply: split it'
-            )
+        self._deeper()
         read = self._binary(0)
         self._depth -= 1
         return read
 
     def expressions(self) -> tuple[Expression, ...]:
-        """Parse expressions separated by commas."""
         read = [self.expression()]
         while self.takes(','):
             read.append(self.expression())
         return tuple(read)
 
     def optional(self, *ends: str) -> Expression | None:
-        """Parse an expression. Return None at the statement's end or before a word in `ends`."""
+        """Parse an expression.
+
+        Return None at the end of the statement, or before a word in `ends`.
+        """
         return None if self.at_end() or self.sees(*ends) else self.expression()
 
     def _binary(self, lowest: int) -> Expression:
@@ -197,7 +198,10 @@ class Reader:
             )
 
     def _point(self) -> Expression:
-        """Parse an operand, and any changes of a point: `:Z(0)`, `+TLZ(10)`, `/L`, `@1`."""
+        """Parse an operand.
+
+        If it is a point, also parse its changes: `:Z(0)`, `+TLZ(10)`, `/L`, `@1`.
+        """
         left = self._operand()
         while True:
             token, after = self.here, self.look(1)
@@ -272,13 +276,9 @@ class Reader:
         raise self.wrong('a value')
 
     def arguments(self) -> tuple[Argument, ...]:
-        """Parse arguments in brackets."""
         self.need('(')
         self._deeper()
-        if self.takes(')'):
-            self._depth -= 1
-            return ()
-        read = [self.argument()]
+        read = [] if self.sees(')') else [self.argument()]
         while self.takes(','):
             read.append(self.argument())
         self.need(')')
@@ -299,7 +299,6 @@ class Reader:
         return Argument(self.expression(), by_reference)
 
     def target(self) -> Target:
-        """Parse a variable or array element as the target of an assignment."""
         token = self.name('a variable')
         if self.sees('('):
             return Apply(token.text, self.arguments(), token.position)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Statements and functions of files, numbers 30 to 63: opening, reading, writing, folders."""
+"""Statements and functions for files, which have the numbers 30 to 63."""
 
 from collections.abc import Callable
 from typing import Any
@@ -17,12 +17,10 @@ _END_OF_FILE = 26
 
 
 def is_file(number: float) -> bool:
-    """Return whether a number after # is a file number."""
     return FIRST_FILE <= number <= LAST_FILE
 
 
 def opened(task: Task, name: str, number: int) -> OpenFile:
-    """Return an open file. Raises SpelError if no file with this number is open."""
     result = task.world.open_files.get(number)
     if result is None:
         raise bad(name, f'file {number} is not open')
@@ -30,7 +28,10 @@ def opened(task: Task, name: str, number: int) -> OpenFile:
 
 
 def _open(mode: str) -> Callable[[Task, str, int], None]:
-    """Return the function of `AOpen` (appends), `ROpen` (reads) or `WOpen` (empties the file)."""
+    """Return the function of a statement that opens a file.
+
+    `AOpen` appends to the file, `ROpen` reads it, and `WOpen` empties it.
+    """
 
     def run(task: Task, name: str, number: int) -> None:
         if number in task.world.open_files:
@@ -48,20 +49,17 @@ def _open(mode: str) -> Callable[[Task, str, int], None]:
 
 
 def close(task: Task, number: float) -> None:
-    """Execute `Close #n`: flush and close an open file."""
     flush(task, number)
     del task.world.open_files[nearest(number)]
 
 
 def flush(task: Task, number: float) -> None:
-    """Execute `Flush #n`: write the content of an open file to the disk."""
     file = opened(task, 'Flush', nearest(number))
     if not file.reads:
         task.world.files.write(file.name, bytes(file.data))
 
 
 def write(task: Task, name: str, number: int, data: bytes) -> None:
-    """Write bytes to a file. Raises SpelError if it is open for reading, or becomes too large."""
     file = opened(task, name, number)
     if file.reads:
         raise bad(name, f'file {number} is open for reading')
@@ -73,9 +71,10 @@ def write(task: Task, name: str, number: int, data: bytes) -> None:
 
 
 def read(task: Task, name: str, number: int, count: int | None) -> bytes:
-    """Return the next `count` bytes of a file, or (None) its next line without the line end.
+    """Return the next `count` bytes of a file.
 
-    Raises SpelError at the end of the file, or if it is not open for reading.
+    If `count` is None, return the next line without its line end. Raises SpelError at the end of
+    the file, or if it is not open for reading.
     """
     file = opened(task, name, number)
     if not file.reads:
@@ -107,13 +106,6 @@ def _free(task: Task) -> int:
     raise bad('FreeFile', 'all files are open')
 
 
-def _length(task: Task, name: str) -> int:
-    content = task.world.files.read(name)
-    if content is None:
-        raise no_file(name)
-    return len(content)
-
-
 def _at_end(task: Task, number: int) -> int:
     file = opened(task, 'Eof', number)
     return -1 if file.at >= len(file.data) or file.data[file.at] == _END_OF_FILE else 0
@@ -125,15 +117,10 @@ FILE_STATEMENTS: dict[str, Callable[..., None]] = {
     'flush': flush,
     'copy': _copy,
     'del': lambda task, name: task.world.files.delete(name),
-    'mkdir': lambda task, name: task.world.files.make_folder(name),
 }
-"""Name of the statement in lower case → function that executes it."""
 
 FILE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'freefile': _free,
     'eof': _at_end,
     'fileexists': lambda task, name: -(task.world.files.read(name) is not None),
-    'filelen': _length,
-    'folderexists': lambda task, name: -task.world.files.has_folder(name),
 }
-"""Name of the function in lower case → its implementation."""

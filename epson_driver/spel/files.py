@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a program: the files of its folder, and the files it has written.
+"""The files of a program: the files in its folder, and the files that it has written.
 
 Written files stay in memory. With `keep` they are also stored in the folder, and paths outside it
 are refused. Existing point files are changed in memory only, so that points of a simulated robot
@@ -16,12 +16,13 @@ from pathlib import Path, PurePosixPath
 from epson_driver.inputs import printable, read_file, write_file
 from epson_driver.spel.errors import ErrorNumber, SpelError, to_add
 from epson_driver.spel.host import NetSettings
+from epson_driver.spel.words import not_simulated
 
 MAX_BYTES = 20_000_000
-"""Maximum bytes that a program may write in total."""
+"""Maximum number of bytes that a program may write in total."""
 
 _PROJECT = ('.prg', '.inc', '.sprj', 'iolabels.dat', 'usererrors.dat', 'macros.dat')
-"""Endings, in lower case, of project files that a program cannot write."""
+"""Endings, in lower case, of names of project files. A program cannot write these files."""
 
 
 def _bad(text: str) -> SpelError:
@@ -52,10 +53,9 @@ class Files:
         self._taught = {name for item in there if (name := item.name.lower()).endswith('.pts')}
         self._keep = keep
         self._written: dict[str, bytes | None] = {}
-        self._folders: set[str] = set()
 
     def fresh(self) -> 'Files':
-        """Return a copy without the written files. It keeps new files in memory only."""
+        """Return a copy without the written files. It keeps new files only in memory."""
         return Files(self._folder)
 
     def path(self, name: str) -> str:
@@ -72,7 +72,6 @@ class Files:
         return parts
 
     def read(self, name: str) -> bytes | None:
-        """Return the content of a file, or None if it does not exist."""
         key = self.path(name)
         if key in self._written:
             return self._written[key]
@@ -94,7 +93,6 @@ class Files:
         self._written[key] = content
 
     def delete(self, name: str) -> None:
-        """Delete a file. Raises SpelError if it does not exist, or if this fails."""
         if self.read(name) is None:
             raise no_file(name)
         key = self.path(name)
@@ -103,26 +101,11 @@ class Files:
                 self._target(name, key).unlink(missing_ok=True)
         self._written[key] = None
 
-    def make_folder(self, name: str) -> None:
-        """Create a folder. Raises SpelError if it exists, or if this fails."""
-        if self.has_folder(name):
-            raise _bad(f'folder {name} already exists')
-        key = self.path(name)
-        if self._keep:
-            with _reported(name):
-                self._target(name, key).mkdir()
-        self._folders.add(key)
-
-    def has_folder(self, name: str) -> bool:
-        """Return whether a folder exists."""
-        key = self.path(name)
-        if not key or key in self._folders:
-            return True
-        there = self._there(key)
-        return there is not None and there.is_dir()
-
     def _there(self, key: str) -> Path | None:
-        """Return the path of `key` in the program's folder, ignoring case. None if missing."""
+        """Return the path of the file `key` in the program's folder, or None.
+
+        The case is ignored.
+        """
         if self._folder is None or not self._folder.is_dir():
             return None
         place = self._folder
@@ -134,7 +117,6 @@ class Files:
         return place
 
     def _target(self, name: str, key: str) -> Path:
-        """Return the path to write to. Raises SpelError if writing there is not allowed."""
         text = name.replace('\\', '/')
         if key.endswith(_PROJECT):
             raise _bad(f'{name}: files of the project are read-only')
@@ -155,14 +137,18 @@ def _inside(place: Path) -> list[Path]:
 
 
 Answer = int | float | str | None | list[int | float | str]
-"""A stub answer: a function's value, values for a statement's variables, or None for nothing."""
+"""An answer of a stub.
+
+It is the value of a function, a list of values for a statement's variables, or None if there are
+no values.
+"""
 
 
 class Stubs:
     """Results that replace statements and functions that are not simulated, such as vision.
 
-    They are given for a name, or for a name and its first argument (`VGet find.Geom01.RobotXYU`).
-    The results of a key are used in turn, and the last one repeats.
+    The key of results is a name, or a name and its first argument (`VGet find.Geom01.RobotXYU`).
+    The results of a key are used one after the other. The last result is then repeated.
     """
 
     def __init__(self, answers: Mapping[str, Sequence[Answer]]) -> None:
@@ -170,7 +156,6 @@ class Stubs:
         self._given: dict[str, int] = {}
 
     def answer(self, name: str, arguments: Sequence[object]) -> Answer:
-        """Return the next result of the word `name`. Raises SpelError if it has none."""
         keys = [name.lower()]
         if arguments:
             keys.insert(0, f'{keys[0]} {arguments[0]}'.lower())
@@ -179,7 +164,7 @@ class Stubs:
                 turn = self._given.get(key, 0)
                 self._given[key] = turn + 1
                 return answers[min(turn, len(answers) - 1)]
-        text = f'{name} is not simulated: {to_add("stubs", f"{name}: RESULT")}'
+        text = f'{not_simulated(name)}: {to_add("stubs", f"{name}: RESULT")}'
         raise SpelError(ErrorNumber.NOT_SIMULATED, text)
 
 
@@ -188,7 +173,7 @@ class ProgramEnvironment:
     """The environment of a program: its files, and two kinds of settings.
 
     * answers: the results of statements and functions that are not simulated (`Stubs`).
-    * ports: settings of ports 201 to 216 in RC+'s system configuration, valid until SetNet.
+    * ports: settings of ports 201 to 216 in RC+'s system configuration. SetNet replaces them.
     """
 
     answers: Mapping[str, Sequence[Answer]] = field(default_factory=dict)
@@ -198,7 +183,3 @@ class ProgramEnvironment:
     def fresh(self) -> 'ProgramEnvironment':
         """Return a copy without the files that the program has written."""
         return replace(self, files=self.files.fresh())
-
-    def new_stubs(self) -> Stubs:
-        """Return `Stubs` that start with the first answer of each key."""
-        return Stubs(self.answers)

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Formats SPEL+: the case of its words as in the manual, and the indentation of blocks.
 
-RC+'s editor writes words in the manual's case: in a public project of 22 programs, written in RC+
-6.2, 12,608 of 12,651 words have it, and the other words are # directives in lower case. Labels and
-directives start in column 1 there. A `Case` is indented one step within its `Select`, a choice of
-this package, because that project has both forms. The rest of a line stays unchanged.
+RC+'s editor writes words in the manual's case. In 26 public folders (29,942 lines) only five words
+in three lines have another case. The editor keeps the indentation that a user types. This package
+therefore chooses one, which changes a quarter of these lines: labels and directives start in
+column 1, and a `Case` is one step within its `Select`. The case of names is not changed, because
+it has no effect on a build, and 27,739 of 27,945 uses have the case of the declaration. The rest
+of a line is not changed either.
 """
 
 import re
@@ -16,7 +18,10 @@ from epson_driver.spel.lexer import NAME, TOKEN, statements_in
 from epson_driver.spel.words import SPELLING
 
 DEFAULT_STEP = '  '
-"""Indentation of a block in a text without any. Other texts keep their own step."""
+"""Indentation of a block in a text that has no indentation.
+
+In other texts the existing step is kept.
+"""
 
 _DIRECTIVE = re.compile(r'#\s*(define|undef|ifdef|ifndef|else|endif|include)\b', re.IGNORECASE)
 _OPENING = frozenset({'function', 'do', 'for', 'select'})
@@ -25,7 +30,10 @@ _BLANK = ' \t\f\v\r\x1a'
 
 
 def formatted(text: str) -> str:
-    """Return a formatted program. Only blanks at the ends of lines and the case change."""
+    """Return a formatted program.
+
+    Only the case of words and the blanks at the start and the end of lines change.
+    """
     lines = text.split('\n')
     step = _step(lines)
     blocks = _Blocks()
@@ -41,7 +49,10 @@ def formatted(text: str) -> str:
 
 
 def _step(lines: list[str]) -> str:
-    """Return the indentation of one level: a tab, or the most frequent increase of spaces."""
+    """Return the indentation of one level.
+
+    It is a tab, or the most frequent increase of spaces.
+    """
     indents = [line[: len(line) - len(line.lstrip(' \t'))] for line in lines if line.strip(_BLANK)]
     first = [indent[0] for indent in indents if indent]
     if first and first.count('\t') * 2 >= len(first):
@@ -52,7 +63,6 @@ def _step(lines: list[str]) -> str:
 
 
 def _in_case(code: str) -> str:
-    """Return a line with the words of SPEL+ in the manual's case."""
     directive = _DIRECTIVE.match(code)
     start = directive.end() if directive is not None else 0
     parts = [code[:start].lower()]
@@ -68,14 +78,15 @@ def _in_case(code: str) -> str:
 
 
 class _Blocks:
-    """The open blocks of a program, line by line."""
-
     def __init__(self) -> None:
         self._open: list[str] = []
         self._saved: list[list[str]] = []
 
     def depth(self, code: str) -> int:
-        """Return the depth of the next line, stripped of blanks."""
+        """Return the depth of the next line of the program.
+
+        `code`: the line without blanks around it.
+        """
         directive = _DIRECTIVE.match(code)
         if directive is not None:
             self._branch(directive[1].lower())
@@ -98,7 +109,7 @@ class _Blocks:
         return len(self._open) if result is None else result
 
     def _before(self, first: str) -> int:
-        """Close the blocks that a statement ends, and return its depth."""
+        """Close the blocks that a statement ends, and return the depth of the statement."""
         if first in ('case', 'default', 'send') and self._open[-1:] == ['case']:
             self._open.pop()
         block = _CLOSING.get(first)
@@ -108,7 +119,7 @@ class _Blocks:
         return len(self._open) - (first in ('else', 'elseif') and bool(self._open))
 
     def _branch(self, directive: str) -> None:
-        """Give both branches of an #ifdef the same open blocks."""
+        """Let both branches of an #ifdef start with the same open blocks."""
         if directive in ('ifdef', 'ifndef'):
             self._saved.append(list(self._open))
         elif directive == 'else' and self._saved:

@@ -3,7 +3,7 @@
 """Calculations with poses: offsets, rotations, locals, pallets (SPEL+ manual p592-602)."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from epson_driver.spel.errors import ErrorNumber, SpelError, bad, to_add
@@ -15,24 +15,23 @@ WORLD = Point('xy', (0.0,) * 6)
 _TURNED = {'rx': 'w', 'ry': 'v', 'rz': 'u'}
 _BASE_U = 'baseu'
 PLACES = 9
-"""Decimals of computed coordinates, in mm and degrees."""
+"""Decimals of computed coordinates, which are in mm and degrees."""
 MAX_PLACES = 32_767
-"""Maximum of the columns and of the rows of a pallet. Their product is lower."""
+"""Maximum number of columns, and of rows, of a pallet. Their product has a lower limit."""
 
 
 def changed(point: Point, operator: str, axis: str, value: float) -> Point:
-    """Return a point with `axis` set (`:`) or moved (`+`, `-`). Raises SpelError if missing."""
+    """Return a point with the coordinate `axis` set (`:`) or moved (`+`, `-`).
+
+    Raises SpelError if the point has no such coordinate.
+    """
     if point.kind != 'xy' or (axis in AXES and AXES.index(axis) >= len(point.values)):
         raise SpelError(ErrorNumber.ARGUMENT, f'the point has no coordinate {axis.upper()}')
     if axis in AXES:
         values = list(point.values)
         at = AXES.index(axis)
-        signs: dict[str, Callable[[float], float]] = {
-            ':': lambda _old: value,
-            '+': lambda old: old + value,
-            '-': lambda old: old - value,
-        }
-        values[at] = signs[operator](values[at])
+        old = values[at]
+        values[at] = {':': value, '+': old + value, '-': old - value}[operator]
         return replace(point, values=tuple(values))
     step = -value if operator == '-' else value
     along = _TURNED.get(axis, axis[2:])
@@ -44,7 +43,10 @@ def changed(point: Point, operator: str, axis: str, value: float) -> Point:
 
 
 def added(left: Point, right: Point, sign: float = 1.0) -> Point:
-    """Return P1 + P2, or P1 - P2, by coordinate (SPEL+ manual p593), with the flags of P1."""
+    """Return P1 + P2 or P1 - P2, calculated for each coordinate (SPEL+ manual p593).
+
+    The result has the flags of P1.
+    """
     if left.kind != 'xy' or right.kind != 'xy':
         raise SpelError(ErrorNumber.ARGUMENT, '+ and - need positions in space')
     values = (a + sign * b for a, b in zip(left.values, right.values, strict=True))
@@ -52,7 +54,7 @@ def added(left: Point, right: Point, sign: float = 1.0) -> Point:
 
 
 def combined(frame: Point, point: Point) -> Point:
-    """Transform a point from `frame` to the coordinate system in which `frame` is given.
+    """Transform a point from `frame` to the coordinate system in which `frame` is specified.
 
     The result has the flags of `frame`.
     """
@@ -65,7 +67,7 @@ def combined(frame: Point, point: Point) -> Point:
 
 
 def within(frame: Point, point: Point) -> Point:
-    """Transform a point into `frame`, from the coordinate system in which `frame` is given."""
+    """Transform a point to `frame` from the coordinate system in which `frame` is specified."""
     back = tuple(zip(*_matrix(frame), strict=True))
     away = [point.values[k] - frame.values[k] for k in range(3)]
     moved = [sum(back[row][k] * away[k] for k in range(3)) for row in range(3)]
@@ -74,12 +76,14 @@ def within(frame: Point, point: Point) -> Point:
 
 
 def local_of(point: Point) -> int:
-    """Return the number of the local (coordinate system) of a point."""
     return next((int(flag) for flag in reversed(point.flags) if flag.isdigit()), 0)
 
 
 def in_local(point: Point, number: int, locals_: Mapping[int, Point]) -> Point:
-    """Return a point converted to Local `number`. Raises SpelError 7007 for an undefined local."""
+    """Return a point converted to Local `number`.
+
+    Raises SpelError 7007 if the local is not defined.
+    """
     world = in_world(point, locals_)
     if number:
         world = within(_frame(number, locals_), world)
@@ -87,7 +91,6 @@ def in_local(point: Point, number: int, locals_: Mapping[int, Point]) -> Point:
 
 
 def in_world(point: Point, locals_: Mapping[int, Point]) -> Point:
-    """Return a point converted to Local 0. Raises SpelError 7007 if its local is not defined."""
     number = local_of(point)
     flags = tuple(flag for flag in point.flags if not flag.isdigit())
     if not number or point.kind != 'xy':
@@ -97,7 +100,10 @@ def in_world(point: Point, locals_: Mapping[int, Point]) -> Point:
 
 
 def turned_step(step: Point, locals_: Mapping[int, Point]) -> Point:
-    """Return a step along the axes of its local as a step in Local 0 (SPEL+ manual p163)."""
+    """Convert a step to Local 0.
+
+    The step is along the axes of the local that its flag names (SPEL+ manual p163).
+    """
     number = local_of(step)
     flags = tuple(flag for flag in step.flags if not flag.isdigit())
     if not number or step.kind != 'xy':
@@ -117,10 +123,10 @@ def _frame(number: int, locals_: Mapping[int, Point]) -> Point:
 
 
 def frame_of(name: str, points: Sequence[Point], axis: str = 'x') -> Point:
-    """Return the frame given by its origin, a point on X and a point on Y, or by one pose.
+    """Return the frame with this origin, a point on its X axis and a point on its Y axis.
 
-    The axis `axis`, 'x' or 'y', passes exactly through its point. Raises SpelError, with the
-    statement's `name`, if the points do not define a frame.
+    A single pose can also define the frame. The axis `axis`, 'x' or 'y', passes exactly through
+    its point. Raises SpelError, with the statement's `name`, if the points do not define a frame.
     """
     if any(point.kind != 'xy' for point in points) or len(points) not in (1, 3):
         raise bad(name, 'takes a place, or an origin and points on X and Y')
@@ -146,10 +152,11 @@ def frame_between(
 ) -> Point:
     """Return the frame that maps two points of a local to two points in Local 0.
 
-    `pairs`: a point in the local and its point in Local 0 (SPEL+ manual p514). If the distances
-    differ, the frame is exact at `fraction` of the line between the points. With `base_u`, the U
-    of points changes by the difference of U in the pairs, interpolated at `fraction` (p515). A
-    seventh value stores its difference from the frame's own rotation.
+    `pairs`: two pairs, each of a point in the local and the same point in Local 0 (SPEL+ manual
+    p514). If the distances between the points differ, the frame is exact at `fraction` of the line
+    between them. With `base_u`, the U of points changes by the difference of U in the pairs,
+    interpolated at `fraction` (p515). The result has a seventh value, the difference of this
+    change from the frame's own rotation.
     """
     (here, there), (here2, there2) = pairs
     turn = _heading(there, there2) - _heading(here, here2)
@@ -187,7 +194,7 @@ def _unit(vector: Sequence[float]) -> tuple[float, ...]:
 
 
 def _tool_turn(frame: Point) -> _Turn:
-    """Return the rotation of orientations in a frame. With BaseU its axes rotate differently."""
+    """Return how a frame rotates orientations. With BaseU this is not the rotation of its axes."""
     if _BASE_U not in frame.flags:
         return _matrix(frame)
     u, v, w, *more = frame.values[3:]
@@ -195,7 +202,7 @@ def _tool_turn(frame: Point) -> _Turn:
 
 
 def _matrix(point: Point) -> _Turn:
-    """Return the rotation matrix of U about Z, V about Y, W about X."""
+    """Return the rotation matrix of U about Z, V about Y, and W about X."""
     u, v, w = (math.radians(value) for value in point.values[3:6])
     cu, su, cv, sv, cw, sw = (f(item) for item in (u, v, w) for f in (math.cos, math.sin))
     return (
@@ -238,10 +245,12 @@ class Pallet:
     outside: bool
 
     def place(self, number: int, position: int, row: int | None) -> Point:
-        """Return the position number `position` along the rows, or column `position` of row `row`.
+        """Return the point at one position of the pallet.
 
-        All numbers start at 1. The orientation is taken from the first corner. Raises SpelError,
-        with the pallet's `number`, if the position does not exist.
+        Without a `row`, positions are counted along the rows, and `position` is the number of the
+        position. With a `row`, `position` is the number of the column. All numbers start at 1. The
+        orientation is taken from the first corner. Raises SpelError, with the pallet's `number`,
+        if the position does not exist.
         """
         if row is None:
             column, row = (position - 1) % self.columns + 1, (position - 1) // self.columns + 1
@@ -267,7 +276,6 @@ class Pallet:
 
 
 def new_pallet(corners: tuple[Point, ...], columns: int, rows: int, out: bool) -> Pallet:
-    """Return a pallet. Raises SpelError if a corner is not a pose, or the size is invalid."""
     for name, count in (('columns', columns), ('rows', rows)):
         if not 1 <= count <= MAX_PLACES:
             raise bad('Pallet', f'{count} {name} are not in 1..{MAX_PLACES}')

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """All functions as one table: evaluation, arguments, result, names.
 
-Arguments: `n` a number, `i` a whole number, `s` a string, `x` either, `p` a point, `q` the number
-of a point (P1, its label), `a` an array, `v` a variable, `t` a task (its number or a function's
-name). `?` marks an optional argument. Results: `i`, `n` (a Double), `f` (a Real), `s`, `p`, and
-`=` for the kind of the first argument. `*` after a name: a condition of Wait, Till or Trap may use
-the function.
+Arguments: `n` a number, `i` a whole number, `s` a string, `x` a number or a string, `p` a point,
+`q` the number of a point (such as P1, or its label), `a` an array, `t` a task (its number or a
+function's name). `?` marks an optional argument. Results: `i`, `n` (a Double), `f` (a Real), `s`,
+`p`, and `=` for the kind of the first argument. A `*` after a name means that a condition of Wait,
+Till or Trap may use the function.
 """
 
 from collections.abc import Iterator
@@ -17,12 +17,11 @@ from epson_driver.spel.words import FIRST, WORDS
 
 @dataclass(frozen=True, slots=True)
 class FunctionRule:
-    """One function. `by` determines its evaluation.
+    """One function. `by` determines how it is evaluated.
 
     * 'value': from its arguments alone (library.py).
     * 'task': by the interpreter (builtins.py).
     * 'host': by `Host.value(name, arguments)`.
-    * 'call': by instructions that take time, as for a function that the program defines.
     """
 
     name: str
@@ -33,7 +32,6 @@ class FunctionRule:
 
     @property
     def since(self) -> int:
-        """First version that has the function."""
         word = WORDS.get(self.name.lower())  # P( ) has no word
         return word.since[0] if word is not None else FIRST[0]
 
@@ -81,8 +79,7 @@ task t,i i: TaskInfo
 task t? i: Err Erl Era
 task t? s: Erf$
 task i,i? s: ErrMsg$
-task s i: FileExists FileLen FolderExists IONumber
-call s,v? i: Eval
+task s i: FileExists IONumber
 host i i: CtrlInfo Stat RobotInfo TLDef Accel Pls RealPls
 host i? i: SysErr Speed AccelMax
 host - i: ErrorOn* EStopOn* SafetyOn* PauseOn* TeachOn* Motor* AtHome*
@@ -124,7 +121,10 @@ STUB_RESULTS = {
     }.items()
     for name in names.split()
 }
-"""Kind of the result of functions that are not simulated. Unlisted ones return a whole number."""
+"""Kind of the result of functions that are not simulated.
+
+Functions that are not listed return a whole number.
+"""
 
 AXES = ('x', 'y', 'z', 'u', 'v', 'w', 'r', 's', 't', 'st')
 TURNS = ('rx', 'ry', 'rz')
@@ -137,13 +137,13 @@ POSTURES = {
     'j4flag': ('j4f0', 'j4f1'),
     'j6flag': tuple(f'j6f{turn}' for turn in range(128)),
 }
-"""Properties of a point's posture, each with its flags, the default first."""
+"""Properties of a point's posture, each with its flags. The first flag is the default."""
 
 POINT_FLAGS = frozenset(flag for flags in POSTURES.values() for flag in flags)
 
 
 def subject(flag: str) -> str:
-    """Return the property that a point's flag sets. A point has one flag for each property."""
+    """Return the property that a flag sets. A point has at most one flag for each property."""
     if flag.isdigit():
         return 'local'
     return next((name for name, flags in POSTURES.items() if flag in flags), flag[:3])

@@ -3,8 +3,9 @@
 """The interface between a program and its environment: robot, I/O, ports, terminal.
 
 The interpreter calls the host, which answers immediately and never blocks. An operation that takes
-time returns a Completion, or a result that changes later. A task that waits for it is checked
-whenever the machine advances, so the host calls `machine.advance(now)` after each event.
+time returns a Completion, or a result that changes later. Tasks that wait for such an operation
+are checked whenever the machine advances, so the host calls `machine.advance(now)` after each
+event.
 
 A host raises SpelError where a controller would report an error. The calling task gets it at the
 current statement.
@@ -28,7 +29,7 @@ class Memory(Enum):
 
 
 class Completion(Protocol):
-    """An operation that takes time: a motion, or switching of motors."""
+    """An operation that takes time: a motion, or the switching of the motors."""
 
     @property
     def fraction(self) -> float:
@@ -40,7 +41,10 @@ class Completion(Protocol):
 
     @property
     def done(self) -> bool:
-        """Return whether the statement is complete. With `CP`, it is when deceleration starts."""
+        """Return whether the statement is complete.
+
+        With `CP` it is complete when the deceleration starts.
+        """
 
     @property
     def error(self) -> SpelError | None:
@@ -49,7 +53,7 @@ class Completion(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class NetSettings:
-    """Settings of a port (`SetNet`). `timeout` is for sending and receiving, s."""
+    """Settings of a port (`SetNet`). `timeout`, s, applies to sending and receiving."""
 
     host: str
     tcp_port: int
@@ -63,12 +67,12 @@ class MotionRequest:
 
     * name: in lower case ('go', 'move', …).
     * points: its targets in order.
-    * cp: whether it may blend into the next motion.
+    * cp: whether the motion may blend into the next motion.
     * till: once it returns True, the arm decelerates, and the statement ends without an error. The
       host evaluates it at each scan, and ends the motion with any SpelError that it raises.
-    * find: the position of the arm is stored when it first returns True.
-    * sense: a Jump ends above its target if it returns True there.
-    * words: other modifiers ('rot').
+    * find: when it first returns True, the position of the arm is stored.
+    * sense: if it returns True above the target of a Jump, the Jump ends there.
+    * words: other modifiers, such as 'rot'.
     * numbers: the values of 'c' (number of the arch), 'limz' (mm), 'ljm' and 'performmode'. Of an
       arch: 'depart' and 'approach' (mm). Of an arc: 'angle' (degrees), 'radius' (mm), 'path' and
       'direction' (SPEL+ manual p104). Of JumpTLZ: 'tlz' (mm).
@@ -120,7 +124,7 @@ class Network(Protocol):
         """Close a port if it is open."""
 
     def release_owner(self, port: int) -> None:
-        """Refuse new peers from now on, because the task that opened the port has ended."""
+        """Refuse new peers of a port, because the task that opened it has ended."""
 
     def connected(self, port: int) -> bool:
         """Return whether an open port has a peer."""
@@ -135,23 +139,26 @@ class Network(Protocol):
         """Send `data`. Raises SpelError 2902 if the peer has disconnected."""
 
 
-class Bits(Protocol):
-    """Inputs, outputs and memory bits."""
+class Host(Protocol):
+    """The complete host: bits, the arm and its settings, terminal, ports, and events of tasks."""
 
     def read_bits(self, memory: Memory, index: int, width: int) -> int:
-        """Return bit (width 1), byte (8) or word (16) `index`. Raises SpelError if none exists."""
+        """Return bit (width 1), byte (8) or word (16) number `index`.
+
+        Raises SpelError if it does not exist.
+        """
 
     def write_bits(self, memory: Memory, index: int, width: int, value: int) -> None:
-        """Set bit, byte or word `index`. Raises SpelError if none exists."""
+        """Set bit (width 1), byte (8) or word (16) number `index`.
 
-
-class Robot(Protocol):
-    """The arm, its motors and its settings, and the controller's state."""
+        Raises SpelError if it does not exist.
+        """
 
     def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point | str:
         """Return the value of a function ('agl', 'realpls', 'ctrlinfo', 'cx', …, in lower case).
 
-        True is -1 or 1, depending on the function. Raises SpelError if the controller refuses it.
+        The function decides whether True is -1 or 1. Raises SpelError if the controller refuses
+        the call.
         """
 
     def command(
@@ -166,14 +173,14 @@ class Robot(Protocol):
         """
 
     def move(self, request: MotionRequest) -> Completion:
-        """Start a motion. Raises SpelError if refused, such as 4001 for a target out of range."""
+        """Start a motion.
+
+        Raises SpelError if the motion is refused. Its number is 4001 if the target is out of
+        range.
+        """
 
     def stored_point(self, point: Point) -> Point:
         """Return a point as stored in P0, P1, …: angles and pulses become a pose."""
-
-
-class Host(Bits, Robot, Protocol):
-    """The complete host, with notifications of tasks."""
 
     @property
     def terminal(self) -> Terminal:

@@ -17,7 +17,7 @@ SYMBOL: Final = 'symbol'
 END: Final = 'end of the line'
 
 LONGEST_LINE = 5_000
-"""Maximum characters of a line. RC+ accepts 512."""
+"""Maximum number of characters in a line. RC+ accepts 512."""
 
 _LONGEST_NUMBER = 400
 
@@ -34,13 +34,11 @@ TOKEN = re.compile(
     """,
     re.VERBOSE,
 )
-"""Matches one token, a comment or blanks. The group's name is the kind."""
+"""Matches one token, a comment or blanks. The name of the matching group is the kind."""
 
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """One word, number, string or sign. `lower` is used to compare names."""
-
     kind: str
     text: str
     position: Position
@@ -48,12 +46,14 @@ class Token:
 
     @property
     def lower(self) -> str:
-        """Return the text in lower case, because SPEL+ ignores the case."""
         return self.text.lower()
 
 
 def tokens(text: str, file: str, line: int, column: int = 1) -> list[Token]:
-    """Return the tokens of a line without its comment. Raises SyntaxProblem if it is invalid."""
+    """Return the tokens of a line without its comment.
+
+    Raises SyntaxProblem if the line is invalid.
+    """
     if len(text) > LONGEST_LINE:
         where = Position(file, line, LONGEST_LINE)
         raise SyntaxProblem(where, 'the line is too long: RC+ takes 512 characters', 'line-length')
@@ -78,9 +78,10 @@ def tokens(text: str, file: str, line: int, column: int = 1) -> list[Token]:
 
 
 def statements_in(line: str) -> Iterator[list[tuple[str, str, int]]]:
-    """Yield the statements of a line, which may have errors. Parallel ones (`!…!`) stay whole.
+    """Yield the statements of a line, which may have errors.
 
-    A token is its kind, its text in lower case, and its column from 0.
+    Parallel statements (`!…!`) are not split. A token is its kind, its text in lower case, and its
+    column from 0.
     """
     statement: list[tuple[str, str, int]] = []
     parallel = False
@@ -100,6 +101,8 @@ def statements_in(line: str) -> Iterator[list[tuple[str, str, int]]]:
 def _unreadable(character: str) -> str:
     if character == '"':
         return 'the string has no end: put a quote (") after it'
+    if character == '$':
+        return "unexpected '$': for memory bits, write MemSw, MemOn and MemOff (p544), without $"
     return f'unexpected {character!r}'
 
 

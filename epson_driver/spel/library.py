@@ -21,7 +21,7 @@ REAL_DIGITS, DOUBLE_DIGITS = 7, 15
 
 
 def text_of(value: object, kind: str) -> str:
-    """Return a value as displayed by Print: Real with 7 digits, Double with 15."""
+    """Return a value as Print displays it: a Real with 7 digits, a Double with 15."""
     if isinstance(value, float):
         return number_text(value, REAL_DIGITS if kind == SINGLE else DOUBLE_DIGITS)
     return value.printed if isinstance(value, Point) and value.kind == 'xy' else str(value)
@@ -37,14 +37,16 @@ def number_text(value: float, digits: int = DOUBLE_DIGITS) -> str:
 
 
 def _string(value: float, digits: int = DOUBLE_DIGITS) -> str:
-    """Return `Str$`. A whole number that exceeds Long has 7 digits, like a Real."""
+    """Return the result of `Str$`.
+
+    A whole number beyond the range of Long has 7 digits, like a Real.
+    """
     if isinstance(value, int) and abs(value) < 1 << 31:
         return str(value)
     return number_text(float(value), REAL_DIGITS if isinstance(value, int) else digits)
 
 
 def power(base: float, exponent: float) -> float:
-    """Return base ** exponent as a Double. Raises SpelError if it is infinite or complex."""
     try:
         result: float | complex = float(base) ** float(exponent)
     except OverflowError:
@@ -55,7 +57,7 @@ def power(base: float, exponent: float) -> float:
 
 
 def remainder(left: int, right: int) -> int:
-    """Return `left Mod right`, with the sign of `left`, like in C."""
+    """Return `left Mod right`, which has the sign of `left`, as in C."""
     if right == 0:
         raise ZeroDivisionError
     rest = abs(left) % abs(right)
@@ -76,10 +78,6 @@ def _on_bits(change: Callable[[int, int], int]) -> Callable[..., int]:
         return bits - _LARGEST_UINT32 - 1 if negative else bits
 
     return changed
-
-
-def _floor(value: float) -> int:
-    return math.floor(value)
 
 
 def _code(text: str) -> int:
@@ -120,7 +118,7 @@ def _hex(value: int) -> str:
 
 
 _DATE = re.compile(
-    r'yyyy|yy|y|mmmm|mmm|mm|m|dddd|ddd|dd|d|hh|h|nn|n|ss|s|w|q|am/pm', re.IGNORECASE
+    r'yyyy|yy|y|mmmm|mmm|mm|m|dddd|ddd|dd|d|hh|h|nn|n|ss|s|w|q|am/?pm|a/p', re.IGNORECASE
 )
 _DATES = ('%Y/%m/%d %H:%M:%S', '%Y/%m/%d', '%H:%M:%S')
 
@@ -134,7 +132,11 @@ def format_string(value: float | str, pattern: str) -> str:
 
 
 def _date(text: str, pattern: str) -> str:
-    """Format a date by y, m, d, h, n (minutes), s, w (weekday, 1 is Sunday), q and AM/PM."""
+    """Format a date or a time.
+
+    The pattern contains y, m, d, h, n (minutes), s, w (weekday, 1 is Sunday), q (quarter), AM/PM
+    and A/P.
+    """
     for layout in _DATES:
         try:
             date = datetime.strptime(text.strip(), layout)
@@ -143,23 +145,26 @@ def _date(text: str, pattern: str) -> str:
         break
     else:
         raise bad('FmtStr$', f'{text[:40]!r} is not a date: yyyy/mm/dd hh:nn:ss')
-    half = 'am/pm' in pattern.lower()
-    hour = (date.hour - 1) % 12 + 1 if half else date.hour
+    twelve = any(found[0][0] in 'aA' for found in _DATE.finditer(pattern))
+    hour = (date.hour - 1) % 12 + 1 if twelve else date.hour
+    half = 'AM' if date.hour < 12 else 'PM'
     shown = {
         'yyyy': f'{date:%Y}', 'yy': f'{date:%y}', 'y': f'{date.timetuple().tm_yday}',
         'mmmm': f'{date:%B}', 'mmm': f'{date:%b}', 'mm': f'{date:%m}', 'm': f'{date.month}',
         'dddd': f'{date:%A}', 'ddd': f'{date:%a}', 'dd': f'{date:%d}', 'd': f'{date.day}',
         'hh': f'{hour:02}', 'h': f'{hour}', 'nn': f'{date:%M}', 'n': f'{date.minute}',
         'ss': f'{date:%S}', 's': f'{date.second}', 'w': f'{date.isoweekday() % 7 + 1}',
-        'q': f'{(date.month + 2) // 3}', 'am/pm': 'AM' if date.hour < 12 else 'PM',
+        'q': f'{(date.month + 2) // 3}', 'AM/PM': half, 'ampm': half, 'am/pm': half.lower(),
+        'A/P': half[0], 'a/p': half[0].lower(),
     }  # fmt: skip
-    return _DATE.sub(lambda found: shown[found[0].lower()], pattern)
+    return _DATE.sub(lambda found: shown.get(found[0]) or shown[found[0].lower()], pattern)
 
 
 def _format(value: float, pattern: str) -> str:
-    """Format a number by 0 (digit), # (optional digit), a decimal point and commas.
+    """Format a number.
 
-    Commas at the end of the whole part divide by 1000, other commas are thousands separators.
+    The pattern contains 0 (digit), # (optional digit), a decimal point and commas. A comma at the
+    end of the whole part divides by 1000. Other commas separate thousands.
     """
     result = re.fullmatch(r'([0#,]*?)(,*)(?:\.([0#]*))?', pattern)
     if result is None:
@@ -182,7 +187,10 @@ def _format(value: float, pattern: str) -> str:
 
 
 def parse_string(text: str, into: Array, delimiters: str) -> int:
-    """Split a text at delimiters into an array, which is resized. Return the number of parts."""
+    """Split a text at delimiters into an array, which is resized.
+
+    Return the number of parts.
+    """
     parts = [text]
     if delimiters:
         parts = [part for part in re.split(f'[{re.escape(delimiters)}]', text) if part]
@@ -194,7 +202,6 @@ def parse_string(text: str, into: Array, delimiters: str) -> int:
 
 
 def upper_bound(array: Array, dimension: int = 1) -> int:
-    """Return the upper bound of a dimension, from 1. Raises SpelError if it does not exist."""
     if not 1 <= dimension <= len(array.bounds):
         raise bad('UBound', f'the array has no dimension {dimension}')
     return array.bounds[dimension - 1]
@@ -213,7 +220,7 @@ def _xy(*values: float) -> Point:
 
 VALUE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'abs': abs,
-    'int': _floor,
+    'int': math.floor,
     'fix': math.trunc,
     'sgn': lambda value: (value > 0) - (value < 0),
     'sqr': math.sqrt,
@@ -258,4 +265,7 @@ VALUE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'agltopls': _point('angles'),
     'pulse': _point('pulses'),
 }
-"""Name in lower case → function, for the functions that functions.py marks with 'value'."""
+"""Name in lower case → function.
+
+These are the functions that functions.py marks with 'value'.
+"""

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """`spel check`: errors in a program, and likely problems on a controller.
 
-Errors are refused by a controller of that version, or fail on it. Warnings are cases that the
-language does not define, or that usually fail. Each rule has a name and a row in docs/spel.md.
+An error is code that a controller of the selected version refuses, or that fails on it. A warning
+is code that the language does not define, or that usually fails. Each rule has a name and a row in
+docs/spel.md.
 """
 
 import re
@@ -20,6 +21,7 @@ from epson_driver.spel.code import Program
 from epson_driver.spel.commands import (
     COMMANDS,
     TASK_TYPE_WORDS,
+    TRAP_EVENTS,
     TYPES,
     TaskType,
     forbidden,
@@ -79,42 +81,45 @@ LONGEST_NAME = 32
 LONGEST_FUNCTION_NAME = 64
 MAX_WAIT_VARIABLES = 64
 _LAST = {'<': -1, '<=': 0, '>': 1, '>=': 0}
-"""Comparison → offset of the largest (`<`, `<=`) or smallest (`>`, `>=`) value from the limit."""
+"""Comparison with a limit → difference between the limit and the largest value for which it holds.
+
+For `>` and `>=` it is the smallest value.
+"""
 
 DEEPEST_FOR = 10
 
 RULES = {
     'syntax': 'unreadable source text',
     'unknown': 'an unknown name',
-    'not-simulated': 'a word, or a port, that needs a line in `spel.yaml` to run',
-    'type': 'a number instead of a string, ByRef of another type, no As, …',
-    'arguments': 'too many or too few',
-    'declaration': 'declared twice, or with bounds that are not constants',
-    'array-size': 'more elements than the scope allows',
+    'not-simulated': 'a word or a port that needs a line in `spel.yaml` to run',
+    'type': 'a wrong type: a number instead of a string, ByRef of another type, no As, …',
+    'arguments': 'too many or too few arguments',
+    'declaration': 'a name that is declared twice, or an array whose bounds are not constants',
+    'array-size': 'an array with more elements than its scope allows',
     'array-index': 'an index that the array does not have',
     'overflow': 'a constant that does not fit its type',
-    'string-length': 'more than 255 characters',
+    'string-length': 'a string of more than 255 characters',
     'label': 'a missing or duplicate label',
-    'wait-condition': 'values that Wait, Till and Trap cannot evaluate: locals, arrays, reals',
+    'wait-condition': 'a value that Wait, Till and Trap cannot evaluate: a local, array or real',
     'preprocessor': 'an invalid directive, such as #else without #ifdef',
     'include': 'a missing file',
     'project-file': 'a file of RC+ that cannot be read, or has a wrong header',
-    'line-length': 'more than 512 characters',
-    'reserved': 'a name that is a word of SPEL+, or a predefined constant',
-    'name-length': 'variables and labels over 32 characters, functions over 64',
+    'line-length': 'a line of more than 512 characters',
+    'reserved': 'a name that is a reserved word of SPEL+, or a predefined constant',
+    'name-length': 'a variable or label over 32 characters, or a function over 64',
     'version': 'a word that the version of the controller does not have',
     'task-type': 'a statement that this type of task cannot execute',
     'wait-by-reference': 'a variable of a Wait condition that is passed ByRef',
     'wait-variables': 'more than 64 variables in Wait conditions',
     'for-depth': 'more than 10 nested For loops',
     'endless-loop': 'a loop without a Wait (error 2556)',
-    'goto-out-of-loop': 'GoTo that leaves a loop (error 2020 after a while)',
+    'goto-out-of-loop': 'a GoTo that leaves a loop (error 2020 after many times)',
     'handler': 'an error handler that is reached without an error',
     'port-shared': 'a port that two tasks use (ChkNet -2)',
-    'true-compare': 'a comparison with True (-1) that fails because the value is 1',
+    'true-compare': 'a comparison with True, which may mean any value but 0 (p420), or -1 (p995)',
     'and-guard': 'an index that And does not guard, because both sides are evaluated',
     'real-to-integer': 'a conversion to an integer whose rounding is not documented',
-    'integer-range': 'a Long, or a For, that may not fit an Integer',
+    'integer-range': 'a Long value or a For loop that may exceed the range of an Integer',
     'declaration-in-loop': 'a declaration that may be executed again',
     'range': 'a number that no controller accepts: Speed 120, 5 / 0, TmReset 99',
     'unreachable': 'an unreachable statement, or a duplicate Case',
@@ -124,7 +129,7 @@ RULES = {
     'portable': 'a form that is neither in the manual nor in known programs: '
     + ', '.join(form.form for form in UNPROVEN),
 }
-"""Rule name → what the rule finds."""
+"""Rule name → description of the problem."""
 
 _WAITING_COMMANDS = frozenset(
     {'waitsig', 'waitnet', 'synclock', 'msgbox', 'waitpos', 'home', 'jtran', 'ptran', 'taskwait'}
@@ -134,9 +139,9 @@ _WAITING_COMMANDS = frozenset(
 def check(
     files: Mapping[str, str], version: int = 8, settings: Settings | None = None
 ) -> list[Problem]:
-    """Return all problems of a project's files on a controller with `version`, by position.
+    """Return all problems of a project on a controller with `version`, sorted by position.
 
-    If `settings` is None, they are unknown, so no missing setting is reported.
+    If `settings` is None, the settings are unknown, so no missing setting is reported.
     """
     problems: list[Problem] = []
     program = build_with(files, problems, problems)
@@ -161,12 +166,14 @@ def check(
 
 
 def _answered(problem: Problem, words: set[str]) -> bool:
-    """Return whether the settings have an answer for the word that is not simulated."""
     return problem.rule == 'not-simulated' and problem.text.split()[0].lower() in words
 
 
 def _asks_for_error(handler: Block) -> bool:
-    """Return whether an If in an error handler depends on Err, which is 0 without an error."""
+    """Return whether an error handler has an If that depends on Err.
+
+    Without an error, Err is 0.
+    """
     copies = {'err'}
     for node in walk(handler):
         if isinstance(node, Assign) and getattr(node.value, 'name', '').lower() == 'err':
@@ -176,7 +183,10 @@ def _asks_for_error(handler: Block) -> bool:
 
 
 def _switched_off(problem: Problem, files: Mapping[str, list[str]]) -> bool:
-    """Return whether a comment `' check off: rule, …` in its line disables the warning."""
+    """Return whether a comment in the problem's line disables the warning.
+
+    The comment has the form `' check off: rule, …`.
+    """
     lines = files.get(problem.position.file, [''])
     if not problem.warning or not 0 < problem.position.line <= len(lines):
         return False
@@ -200,7 +210,10 @@ def _long_lines(name: str, text: str) -> Iterator[Problem]:
 
 
 def _task_names(function: Function) -> Iterator[Any]:
-    """Yield nodes that name a task's function without a call: `TaskState(main)`, `Quit main`."""
+    """Yield nodes that name a task's function without a call.
+
+    Examples: `TaskState(main)`, `Quit main`.
+    """
     for node in function.nodes:
         if isinstance(node, TaskCommand):
             yield from walk(node.task)
@@ -211,7 +224,7 @@ def _task_names(function: Function) -> Iterator[Any]:
 
 
 def _instead(function: str) -> bool:
-    """Return whether a function, such as main7, is started instead of main, never with it."""
+    """Return whether a function runs instead of main, like main7, and not together with it."""
     return function.startswith('main') and function[4:].isdigit()
 
 
@@ -224,7 +237,7 @@ def _waits(node: Any) -> bool:
 
 
 def _closure(names: Iterable[str], following: Mapping[str, Iterable[str]]) -> set[str]:
-    """Return `names`, and all names that `following` reaches from them, directly or not."""
+    """Return `names`, and all names that `following` reaches from them directly or indirectly."""
     result: set[str] = set()
     todo = list(names)
     while todo:
@@ -237,16 +250,12 @@ def _closure(names: Iterable[str], following: Mapping[str, Iterable[str]]) -> se
 
 @dataclass(frozen=True)
 class _Root:
-    """A function that starts a task, and the position of its start."""
-
     function: str
     type: TaskType
     at: Position
 
 
 class _Lint:
-    """The rules, applied to one program."""
-
     def __init__(self, program: Program, version: int, files: Mapping[str, str]) -> None:
         self.program = program
         self.files = files
@@ -295,7 +304,6 @@ class _Lint:
 
     @cached_property
     def _called(self) -> dict[str, set[str]]:
-        """The functions that each function calls directly, in lower case."""
         result: dict[str, set[str]] = {}
         for name, function in self.functions.items():
             named = set(map(id, _task_names(function)))
@@ -308,12 +316,10 @@ class _Lint:
         return result
 
     def _reached(self, root: str) -> set[str]:
-        """Return a function and all functions that it calls."""
         return _closure([root], self._called) if root in self.functions else set()
 
     @cached_property
     def _roots(self) -> list[_Root]:
-        """The functions that start tasks, with the type of each task."""
         roots: dict[tuple[str, TaskType], _Root] = {}
         todo: list[_Root] = []
         for name, function in self.functions.items():
@@ -341,9 +347,8 @@ class _Lint:
                 node.function.lower(), TaskType.BACKGROUND if background else own, node.at
             )
         if isinstance(node, Trap) and node.target and node.action != 'goto':
-            after = node.event in ('abort', 'finish')
-            own = TaskType.NO_PAUSE if after else TaskType.NO_EMG_ABORT
-            return _Root(node.target.lower(), own if node.event else TaskType.TRAP, node.at)
+            own = TRAP_EVENTS.get(node.event, TaskType.TRAP)
+            return _Root(node.target.lower(), own, node.at)
         return None
 
     # Rules
@@ -394,16 +399,13 @@ class _Lint:
         for root in self._roots:
             for name in sorted(self._reached(root.function)):
                 for node in self.functions[name].nodes:
-                    if isinstance(node, Command | Motion | Store):
-                        word, words = node.name.lower(), getattr(node, 'words', ())
+                    if isinstance(node, Command | Motion | Store | TaskCommand):
+                        rule = COMMANDS[node.name.lower()]
                     elif isinstance(node, Xqt | Trap):
-                        word, words = type(node).__name__.lower(), ()
-                    elif isinstance(node, TaskCommand):
-                        word, words = node.name.lower(), ()
+                        rule = COMMANDS[type(node).__name__.lower()]
                     else:
                         continue
-                    rule = COMMANDS[word]
-                    if forbidden(rule, words, root.type):
+                    if forbidden(rule, getattr(node, 'words', ()), root.type):
                         kind = root.type.name.lower().replace('_', ' ')
                         text = f'{rule.name} cannot run in a task {kind}: {root.function} is one '
                         text += f'({root.at.file}:{root.at.line})'
@@ -433,7 +435,7 @@ class _Lint:
                 yield port, node.at
 
     def missing_ports(self, known: Container[int]) -> Iterator[Problem]:
-        """Yield the first OpenNet of each port with neither a SetNet nor a known setting."""
+        """Yield the first OpenNet of each port that has neither a SetNet nor known settings."""
         set_up: set[int | float | None] = set()
         opened: dict[int, Position] = {}
         for node in self._nodes(Command):
@@ -477,7 +479,6 @@ class _Lint:
         )
 
     def _asks(self, condition: Expression) -> bool:
-        """Return whether a condition depends on inputs or on another task."""
         for node in walk(condition):
             if isinstance(node, Name | Apply):
                 rule = FUNCTIONS.get(node.name.lower())
@@ -579,12 +580,15 @@ class _Lint:
             name = other.name.lower()
             if name in FUNCTIONS and name not in ONE_WHEN_ON:
                 continue
-            text = f'{other.name} = True: True is -1 (p995), {other.name} may be 1: write '
-            text += f'{other.name} <> 0, or = On'
+            text = f'{other.name} = True holds for any value but 0 (p420), or for -1 (p995): '
+            text += f'write {other.name} <> 0, or = On'
             yield Problem(node.at, 'true-compare', text, warning=True)
 
     def _guard(self, node: Binary) -> Iterator[Problem]:
-        """Find `i <= 3 And a(i) = 1` if 3 is the upper bound of a: SPEL+ still evaluates a(4)."""
+        """Yield a problem for `i <= 3 And a(i) = 1` if 3 is the upper bound of a.
+
+        SPEL+ evaluates both sides, so it also evaluates a(4).
+        """
         guarded: dict[str, set[int]] = {}
         for item in walk(node.left):
             if isinstance(item, Binary) and item.operator in _LAST and isinstance(item.left, Name):

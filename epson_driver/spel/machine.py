@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scheduler of a controller's tasks, on a clock that the host advances.
 
-One processor is simulated. A task runs for a turn (1 ms of the controller's time), followed by the
-next task that can run. Each statement takes its time. The result does not depend on the computer,
-so two runs are identical.
+One processor is simulated. A task runs for a turn (1 ms of the controller's time), then the next
+task that can run. Each statement takes a certain time on this clock. Two runs are therefore
+identical, whatever computer they run on.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,10 +15,10 @@ from types import CodeType
 from typing import Any, NamedTuple
 
 from epson_driver.spel import frames, library, values
-from epson_driver.spel.actions import STATEMENTS, resume_paused, set_point
+from epson_driver.spel.actions import STATEMENTS, set_point
 from epson_driver.spel.builtins import TASK_FUNCTIONS
 from epson_driver.spel.code import FunctionCode, Program
-from epson_driver.spel.commands import TaskType
+from epson_driver.spel.commands import TRAP_EVENTS, TaskType
 from epson_driver.spel.errors import ErrorNumber, SpelError
 from epson_driver.spel.file_access import FILE_FUNCTIONS, FILE_STATEMENTS
 from epson_driver.spel.files import ProgramEnvironment
@@ -43,10 +43,10 @@ from epson_driver.spel.task import (
     blank,
 )
 from epson_driver.spel.values import (
-    ROUNDINGS,
     Array,
     Value,
     finite,
+    nearest,
     overflow,
     single,
     store,
@@ -54,14 +54,14 @@ from epson_driver.spel.values import (
 )
 
 STARTED = datetime(2000, 1, 1)
-"""Default start time of the controller's clock."""
+"""Default date and time at which the controller's clock starts."""
 
 _SOURCE = '<spel>'
 
 
 @lru_cache(maxsize=16)
 def _code_of(source: str) -> CodeType:
-    """Compile a portion of a program's Python text, once for all machines that run it."""
+    """Compile a portion of a program's Python text. All machines that run it share the result."""
     return compile(source, _SOURCE, 'exec')
 
 
@@ -72,28 +72,15 @@ _ARITHMETIC: dict[type[Exception], ErrorNumber] = {
     IndexError: ErrorNumber.INDEX,
     ValueError: ErrorNumber.ARGUMENT,
 }
-"""Exception of Python's arithmetic → error of the program."""
-
-_EVENT_TRAPS = {
-    'emergency': TaskType.NO_EMG_ABORT,
-    'error': TaskType.NO_EMG_ABORT,
-    'pause': TaskType.NO_EMG_ABORT,
-    'sgopen': TaskType.NO_EMG_ABORT,
-    'sgclose': TaskType.NO_EMG_ABORT,
-    'abort': TaskType.NO_PAUSE,
-    'finish': TaskType.NO_PAUSE,
-}
+"""Exception of Python's arithmetic → error number in the program."""
 
 
 def all_statements() -> dict[str, Callable[..., None]]:
-    """Return the statements of the interpreter, by name in lower case."""
     tables = (STATEMENTS, NET_STATEMENTS, POINT_STATEMENTS, FILE_STATEMENTS)
     return {name: run for table in tables for name, run in table.items()}
 
 
 class TaskView(NamedTuple):
-    """The state of a task, for display."""
-
     number: int
     function: str
     type: TaskType
@@ -103,14 +90,14 @@ class TaskView(NamedTuple):
 
 
 KEPT_COMMANDS = 64
-"""Maximum number of cached commands. Clients of `$Execute` repeat the same commands."""
+"""Maximum number of cached commands. Clients of `$Execute` often repeat a command."""
 
 
 class Machine:
     """Runs a program on a host.
 
-    The time starts at 0 and passes only in `advance`. The host calls `advance` at `next_time()`,
-    and immediately after an event for which a task may wait.
+    The time starts at 0 and passes only in `advance`. The host calls `advance` at the time
+    `next_time()`, and immediately after an event for which a task may be waiting.
     """
 
     def __init__(
@@ -118,7 +105,6 @@ class Machine:
         program: Program,
         host: Host,
         timing: Timing | None = None,
-        rounding: str = 'nearest',
         started: datetime = STARTED,
         around: ProgramEnvironment | None = None,
     ) -> None:
@@ -129,13 +115,12 @@ class Machine:
         self._last = 0
         self._next_scan = 0.0
         self.statements = 0
-        """Number of executed statements. A For counts twice per iteration."""
+        """Number of executed statements. Each iteration of a For counts twice."""
         self._command = lru_cache(KEPT_COMMANDS)(self._compiled)
-        self._link(rounding)
+        self._link()
 
-    def _link(self, rounding: str) -> None:
-        """Run the program's Python text, which defines the instructions of this machine."""
-        whole = ROUNDINGS[rounding]
+    def _link(self) -> None:
+        """Run the program's Python text. It defines the instructions of this machine."""
 
         def over(type_name: str, value: int) -> Value:
             raise overflow(type_name, value)
@@ -153,7 +138,7 @@ class Machine:
         names: dict[str, Any] = {
             'g': self.world.g,
             'F': self.world.linked,
-            'WHOLE': whole,
+            'WHOLE': nearest,
             'OVER': over,
             'INDEX': index,
             'LONG': long,
@@ -178,7 +163,6 @@ class Machine:
         program = self.world.program
         for portion in program.source:
             exec(_code_of(portion), names)  # noqa: S102 - compiler.py wrote it
-        self.world.command = lambda text: self._command(text, True)
         self.world.linked += [self._linked(code) for code in program.functions]
 
     def _linked(self, code: FunctionCode) -> Linked:
@@ -205,32 +189,30 @@ class Machine:
             self.clear_variables()
 
     def start_background(self, name: str = 'BgMain') -> None:
-        """Start the background function, which runs until the controller is switched off."""
         self.start(name, FIRST_BACKGROUND, TaskType.BACKGROUND, clear=False)
 
     def execute(self, text: str) -> list[str]:
-        """Start a command of the command window as task 0. Return the list of its later output.
+        """Start a command of the command window as task 0.
 
-        Raises ProgramError if the command is invalid, SpelError if another one is running.
+        Return the list to which its output will be added. Raises ProgramError if the command is
+        invalid, SpelError if another command is running.
         """
-        task = self.world.add(COMMAND_TASK, self._command(text, False), (), TaskType.NORMAL)
-        task.outputs.append([])
-        return task.outputs[0]
+        task = self.world.add(COMMAND_TASK, self._command(text), (), TaskType.NORMAL)
+        task.output = []
+        return task.output
 
-    def _compiled(self, text: str, evaluated: bool) -> Linked:
-        code = command(self.world.program, text, evaluated)
+    def _compiled(self, text: str) -> Linked:
+        code = command(self.world.program, text)
         source = ''.join(code.source)
         exec(compile(source, _SOURCE, 'exec'), self._names)  # noqa: S102 - compiler.py wrote it
         return self._linked(code)
 
     def clear_variables(self) -> None:
-        """Reset all shared variables except preserved ones."""
         for slot, variable in enumerate(self.world.program.variables):
             if not variable.preserved:
                 self.world.g[slot] = blank(variable)
 
     def preserved(self) -> dict[str, list[Value]]:
-        """Return the preserved variables by name."""
         result: dict[str, list[Value]] = {}
         for slot, variable in enumerate(self.world.program.variables):
             if variable.preserved:
@@ -241,7 +223,10 @@ class Machine:
         return result
 
     def restore(self, values: dict[str, list[Value]]) -> None:
-        """Set the values that `preserved` returned, except arrays whose size has changed since."""
+        """Set the values that `preserved` returned.
+
+        Arrays whose size has changed in the meantime are not set.
+        """
         for slot, variable in enumerate(self.world.program.variables):
             stored = values.get(variable.name)
             current = self.world.g[slot]
@@ -254,11 +239,10 @@ class Machine:
                 self.world.g[slot] = store(stored[0], variable.type)
 
     def emergency_stop(self) -> None:
-        """End all Normal, NoPause and Trap tasks, as after an E-stop or an error."""
+        """End all Normal, NoPause and Trap tasks, as an E-stop or an error does."""
         self._end(TaskType.NORMAL, TaskType.NO_PAUSE, TaskType.TRAP)
 
     def stop(self) -> None:
-        """End all tasks except background tasks."""
         self._end(TaskType.NORMAL, TaskType.NO_PAUSE, TaskType.NO_EMG_ABORT, TaskType.TRAP)
 
     def _end(self, *kinds: TaskType) -> None:
@@ -267,32 +251,36 @@ class Machine:
                 self.world.end(task)
 
     def pause(self) -> None:
-        """Pause all Normal tasks, as during a pause or with an open door."""
         for task in self.world.tasks.values():
             task.paused = task.type is TaskType.NORMAL
 
     def resume(self) -> None:
-        """Resume the paused tasks."""
-        resume_paused(self.world)
+        """Resume the paused tasks. Timed waits start again from their beginning."""
+        for task in self.world.tasks.values():
+            if task.paused:
+                task.paused = False
+                self._start_wait(task)
 
     def clear_errors(self) -> None:
-        """Clear the list of tasks that ended with an error, like `Reset` does."""
         self.world.aborted.clear()
 
     def event(self, name: str, *numbers: int) -> bool:
-        """Start the Trap for 'emergency', 'error', 'sgopen', …. Return whether it was started."""
+        """Start the Trap for an event: 'emergency', 'error', 'sgopen', ….
+
+        Return whether a Trap was started.
+        """
         linked = self.world.event_traps.get(name)
         if linked is None:
             return False
-        number = FIRST_TRAP + 4 + list(_EVENT_TRAPS).index(name)
+        number = FIRST_TRAP + 4 + list(TRAP_EVENTS).index(name)
         if number in self.world.tasks:
             return False
         arguments = (*numbers, 0, 0, 0)[: len(linked.code.parameters)]
-        self.world.add(number, linked, arguments, _EVENT_TRAPS[name])
+        self.world.add(number, linked, arguments, TRAP_EVENTS[name])
         return True
 
     def last_event(self, name: str) -> bool:
-        """Start the Trap for 'abort' or 'finish', and remove event Traps (SPEL+ manual p855)."""
+        """Start the Trap for 'abort' or 'finish'. Remove all event Traps (SPEL+ manual p855)."""
         started = self.event(name)
         self.world.event_traps.clear()
         return started
@@ -301,7 +289,6 @@ class Machine:
 
     @property
     def time(self) -> float:
-        """Return the controller's time, s."""
         return self.world.time
 
     @property
@@ -311,11 +298,10 @@ class Machine:
 
     @property
     def running_number(self) -> int:
-        """Return the number of the task that ran last."""
         return self._last
 
     def tasks(self) -> Iterator[TaskView]:
-        """Yield the existing tasks, and tasks that ended with an error, by number."""
+        """Yield the existing tasks, and the tasks that ended with an error, sorted by number."""
         aborted = self.world.aborted
         for number in sorted({*self.world.tasks, *aborted}):
             if number >= FIRST_HELPER:
@@ -331,7 +317,7 @@ class Machine:
                 yield TaskView(number, task.function, task.type, task.state, at.file, at.line)
 
     def lines(self) -> dict[str, dict[int, bool]]:
-        """Return, by file and line, whether all instructions of a line have run."""
+        """Return, by file and line, whether all instructions of the line have been executed."""
         result: dict[str, dict[int, bool]] = {}
         for linked in self.world.linked:
             for pc, at in enumerate(linked.code.lines):
@@ -344,13 +330,13 @@ class Machine:
     # Time
 
     def next_time(self) -> float | None:
-        """Return the time of the next event, or None while all tasks wait for the host."""
+        """Return the time of the next event, or None if all tasks wait for the host."""
         if self._ready() is not None:
             return self.world.time
         return self._next_due()
 
     def idle(self, to: float) -> None:
-        """Advance the time without running tasks, to `to`, s, or to the next event before it.
+        """Advance the time without running tasks, to `to`, s, or to an earlier event.
 
         A host calls it before `advance` when an event occurs at `to`. A task that waits for the
         event then resumes at that time, not at the time of the previous call.
@@ -362,8 +348,8 @@ class Machine:
     def advance(self, to: float) -> None:
         """Run the tasks until the time `to`, s. The last statement may end after it.
 
-        Waiting tasks are checked even if this time has passed. A task that waited for an event of
-        the host then runs at `next_time()`.
+        Waiting tasks are checked even if the clock is already past `to`. A task that waited for an
+        event of the host then runs at `next_time()`.
         """
         world = self.world
         while True:
@@ -384,7 +370,10 @@ class Machine:
             world.time = max(world.time, due)
 
     def _ready(self) -> Task | None:
-        """Return the task that runs next, round-robin by number, or None if all tasks wait."""
+        """Return the task that runs next, or None if all tasks wait.
+
+        Tasks take turns in the order of their numbers.
+        """
         tasks = self.world.tasks
         ready = [number for number, task in tasks.items() if _can_run(task)]
         if not ready:
@@ -408,7 +397,6 @@ class Machine:
         return min(times, default=None)
 
     def _wake(self) -> None:
-        """Resume tasks whose time is over or whose test holds. Start due actions and Traps."""
         time = self.world.time
         for due, action in [item for item in self.world.later if item[0] <= time]:
             self.world.later.remove((due, action))
@@ -437,7 +425,7 @@ class Machine:
             self._spring()
 
     def _spring(self) -> None:
-        """Start the action of each Trap whose condition holds, and disarm the Trap."""
+        """Start the action of each Trap whose condition is met, and disarm this Trap."""
         for number, trap in list(self.world.traps.items()):
             if trap.task.frame is None:
                 del self.world.traps[number]
@@ -462,7 +450,7 @@ class Machine:
                     trap.task.interrupted_by = started
 
     def _start_wait(self, task: Task) -> None:
-        """Count the time of a wait from the end of its statement, not from the turn's start."""
+        """Start the timer of a wait now, because its statement or a pause has just ended."""
         waiting = task.waiting
         if waiting is not None and waiting.until is not None and waiting.duration is not None:
             waiting.until = self.world.time + waiting.duration
@@ -484,7 +472,6 @@ class Machine:
         return used
 
     def _run_frame(self, task: Task, frame: Frame, limit: int) -> int:
-        """Run a function until it calls another one, returns, waits, or reaches `limit`."""
         instructions, hits, v, pc = frame.linked.instructions, frame.linked.hits, frame.v, frame.pc
         used = 0
         try:
@@ -515,7 +502,10 @@ class Machine:
 
 
 def _of_program(error: Exception) -> bool:
-    """Return whether an error was raised by generated code, library.py, values.py or frames.py."""
+    """Return whether the program caused an exception.
+
+    It did if generated code, library.py, values.py or frames.py raised the exception.
+    """
     trace = error.__traceback__
     assert trace is not None  # noqa: S101 - it was raised
     while trace.tb_next is not None:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parses lines of tokens to functions and declarations by recursive descent.
 
-Each form has one method. A statement that cannot be read becomes a problem, and parsing continues
-with the next line, so that one run reports all problems.
+Each form of a statement has one method. An invalid statement is recorded as a problem, and parsing
+continues with the next line. So one run reports all problems.
 """
 
 from collections.abc import Container, Iterable, Iterator
@@ -14,6 +14,7 @@ from epson_driver.spel.commands import (
     COMMANDS,
     KEYWORDS,
     SHOWN,
+    SHOWN_IN_LOW_POWER,
     TASK_TYPE_WORDS,
     TYPES,
 )
@@ -49,6 +50,7 @@ from epson_driver.spel.syntax import (
     Select,
     Statement,
     Test,
+    Text,
     Variable,
 )
 from epson_driver.spel.words import CONSTANTS, is_a
@@ -72,7 +74,6 @@ _NAMES = [rule.name for rule in COMMANDS.values()]
 
 
 def function_names(lines: Iterable[Line]) -> set[str]:
-    """Return the names of all functions that are defined or declared, in lower case."""
     names = set()
     for line in lines:
         if len(line.tokens) > 1 and line.tokens[0].lower in ('function', 'declare'):
@@ -81,7 +82,7 @@ def function_names(lines: Iterable[Line]) -> set[str]:
 
 
 def statements_of(line: Line) -> Iterator[list[Token]]:
-    """Yield the statements of a line. Parallel ones (`!…!`) stay with their motion."""
+    """Yield the statements of a line. Parallel statements (`!…!`) stay with their motion."""
     part: list[Token] = []
     parallel = False
     for token in line.tokens:
@@ -117,7 +118,6 @@ class Parser(Statements):
         self._function: str | None = None
 
     def file(self) -> File:
-        """Parse the file, and append its problems to the list `problems`."""
         while (result := self._take()) is not None:
             try:
                 self._outside(result)
@@ -202,7 +202,10 @@ class Parser(Statements):
     # Blocks
 
     def _block(self, ends: tuple[str, ...]) -> Block:
-        """Parse statements until a word in `ends`, or the function's end, without reading it."""
+        """Parse statements until a word in `ends`, or until the end of the function.
+
+        The word itself is not read.
+        """
         self._depth += 1
         read: list[Statement] = []
         while (result := self._peek()) is not None:
@@ -289,7 +292,6 @@ class Parser(Statements):
     # Blocks of statements
 
     def read_if(self, reader: Reader, first: Token) -> If:
-        """Parse an `If` of several lines, or of one."""
         condition = reader.expression()
         reader.need('then')
         if not reader.at_end() or self._queue:  # `If c Then; a; b` is also one line
@@ -347,8 +349,6 @@ class Parser(Statements):
         return If(tuple(branches), otherwise, first.position)
 
     def read_select(self, reader: Reader, first: Token) -> Select:
-        """Parse `Select … Send`."""
-        reader.takes('case')
         subject = reader.expression()
         reader.end()
         cases: list[tuple[tuple[CaseItem, ...], Block]] = []
@@ -364,7 +364,7 @@ class Parser(Statements):
             if word == 'send':
                 closing.end()
                 return Select(subject, tuple(cases), default, first.position)
-            if word == 'default' or closing.takes('else'):
+            if word == 'default':
                 self._rest_as_statement(closing)
                 default = self._block(ends)
                 continue
@@ -375,7 +375,6 @@ class Parser(Statements):
             cases.append((tuple(items), self._block(ends)))
 
     def read_do(self, reader: Reader, first: Token) -> Do:
-        """Parse `Do … Loop`."""
         before = _test(reader)
         reader.end()
         body = self._block(('loop',))
@@ -386,7 +385,6 @@ class Parser(Statements):
         return Do(before, body, after, first.position)
 
     def read_for(self, reader: Reader, first: Token) -> For:
-        """Parse `For … Next`."""
         variable = reader.target()
         reader.need('=')
         low = reader.expression()
@@ -406,7 +404,6 @@ class Parser(Statements):
         return For(variable, low, high, step, body, first.position)
 
     def read_exit(self, reader: Reader, first: Token) -> Exit:
-        """Parse `Exit Do`, `Exit For` or `Exit Function`."""
         if not reader.sees('do', 'for', 'function'):
             raise reader.wrong('Do, For or Function')
         return Exit(reader.step().lower, first.position)
@@ -418,7 +415,10 @@ class Parser(Statements):
 
 
 def _split_at_else(parts: list[list[Token]]) -> list[list[list[Token]]]:
-    """Split the statements of a one-line If at its own Else, not at the Else of a nested If."""
+    """Split the statements of a one-line If at its Else.
+
+    An Else of a nested If does not split them.
+    """
     result: list[list[list[Token]]] = [[[]]]
     inner = 0
     for number, part in enumerate(parts):
@@ -437,7 +437,7 @@ def _split_at_else(parts: list[list[Token]]) -> list[list[list[Token]]]:
 
 
 def _assignment(reader: Reader, word: str) -> Assign | None:
-    """Parse `a = …` or `a(…) = …`. Return None for another statement."""
+    """Parse `a = …` or `a(…) = …`. Return None if the statement is not an assignment."""
     after = reader.look(1)
     if word in COMMANDS and COMMANDS[word].form.startswith('@') and after.text != '=':
         return None
@@ -471,7 +471,6 @@ def _coordinates(first: Expression, reader: Reader) -> Expression:
 
 
 def _case_item(reader: Reader) -> CaseItem:
-    reader.takes('is')
     if reader.sees('<', '>', '<=', '>=', '=', '<>', '=<', '=>'):
         operator = {'=<': '<=', '=>': '>='}.get(reader.here.text, reader.here.text)
         reader.step()
@@ -487,13 +486,19 @@ def _test(reader: Reader) -> Test | None:
 
 
 def _displayed(first: Token) -> list[Statement]:
-    """Return `Print` statements that replace a statement without arguments, such as `Speed`."""
+    """Return the `Print` statements for a statement that has no argument, such as `Speed`."""
     at = first.position
     lines: list[tuple[Expression, ...]] = [
         tuple(Apply(first.text, (Argument(Number(item, at)),), at) for item in line)
         for line in SHOWN[first.lower]
     ]
-    return [Print(None, line, True, at) for line in lines or [(Name(first.text, at),)]]
+    shown: list[Statement] = [
+        Print(None, line, True, at) for line in lines or [(Name(first.text, at),)]
+    ]
+    if note := SHOWN_IN_LOW_POWER.get(first.lower):
+        low = Binary('=', Name('Power', at), Number(0, at), at)
+        shown.insert(0, If(((low, (Print(None, (Text(note, at),), True, at),)),), (), at))
+    return shown
 
 
 def _unknown(first: Token, reader: Reader) -> tuple[str, str]:
@@ -511,7 +516,7 @@ def _unknown(first: Token, reader: Reader) -> tuple[str, str]:
 def _check_name(name: Token, what: str) -> None:
     word = name.lower
     if word in KEYWORDS or word in TYPES or word in TASK_TYPE_WORDS:
-        text = f'{name.text} is a word of SPEL+: it cannot name a {what}'
+        text = f'{name.text} is a reserved word of SPEL+: it cannot name a {what}'
         raise SyntaxProblem(name.position, text, 'reserved')
 
 
@@ -525,7 +530,8 @@ def _type(reader: Reader) -> str:
 def declaration(reader: Reader, scope: str) -> Declaration:
     """Parse `[Global [Preserve]] [Static] type name[(bounds)], …`.
 
-    Static marks the variables of a library (RC+ 8). They are stored like all shared variables.
+    Static marks the variables of a library (RC+ 8). Here they are stored like all shared
+    variables.
     """
     at = reader.here.position
     if scope == 'local' and reader.sees('global', 'static'):
@@ -582,7 +588,10 @@ def _parameters(reader: Reader) -> tuple[Parameter, ...]:
 
 
 def _parameter_type(reader: Reader) -> str:
-    """Parse `As` and a type. RC+ also accepts `AsInteger`, which a real project contains."""
+    """Parse `As` and a type.
+
+    RC+ also accepts `AsInteger`, which occurs in a real project.
+    """
     word = reader.here.lower
     if word.startswith('as') and word[2:] in TYPES:
         reader.step()

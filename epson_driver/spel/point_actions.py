@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Statements and functions of points, their labels, postures and files, and of locals."""
+"""Statements and functions for points, for their labels, postures and files, and for locals."""
 
 import math
 from collections.abc import Callable
@@ -17,12 +17,10 @@ from epson_driver.spel.values import Point, nearest
 
 
 def set_coordinate(task: Task, number: int, axis: str, value: float) -> None:
-    """Execute `CX(P1) = value`, and likewise CY, CZ, CU, CV and CW (`axis`)."""
     task.world.points[number] = changed(point(task, number), ':', axis, value)
 
 
 def delete_points(task: Task, first: int, last: int | None = None) -> None:
-    """Execute `PDel first[, last]`."""
     for number in range(first, (first if last is None else last) + 1):
         task.world.points.pop(number, None)
 
@@ -33,7 +31,6 @@ def _clear_points(task: Task) -> None:
 
 
 def set_label(task: Task, number: int, label: str) -> None:
-    """Execute `PLabel n, label`. Any other label of the point is removed."""
     within('PLabel', number, 0, LAST_POINT)
     labels = task.world.point_labels
     for key in [key for key, value in labels.items() if value == number]:
@@ -44,12 +41,11 @@ def set_label(task: Task, number: int, label: str) -> None:
 
 
 def label_of(task: Task, number: int) -> str:
-    """Return `PLabel$`: the label of a point, or ''."""
     return _written_labels(task).get(number, '')
 
 
 def _written_labels(task: Task) -> dict[int, str]:
-    """Return the labels by the number of their point, in their original spelling."""
+    """Return the labels in their original spelling, by the number of their point."""
     world = task.world
     return {number: world.spelling.get(key, key) for key, number in world.point_labels.items()}
 
@@ -71,7 +67,10 @@ def list_points(task: Task, first: int | None = None, last: int | None = None) -
 
 
 def load_points(task: Task, name: str, words: tuple[str, ...] = ()) -> None:
-    """Execute `LoadPoints name[, Merge]`: load a file of the project or of `SavePoints`."""
+    """Execute `LoadPoints name[, Merge]`.
+
+    The file belongs to the project, or was written by `SavePoints`.
+    """
     world = task.world
     file = world.program.data.point_files.get(name.lower())
     saved = world.files.read(name)
@@ -97,7 +96,10 @@ def save_points(task: Task, name: str) -> None:
 
 
 def _set_hand(task: Task, number: int | None = None, value: float | None = None) -> None:
-    """Execute `Hand [point[, 1|2]]`: set Righty (1) or Lefty (2). Without a value, print it."""
+    """Execute `Hand [point[, 1|2]]`.
+
+    1 sets Righty and 2 sets Lefty. Without a value, print the current one.
+    """
     if number is None or value is None:
         print_terminal(task, f'{_hand(task, None if number is None else point(task, number))}\n')
     else:
@@ -112,7 +114,7 @@ def _hand(task: Task, of: Point | None = None) -> int:
 
 
 def _least_motion(task: Task, of: Point, near: Point | None = None, number: int = 1) -> Point:
-    """Return `LJM`: `of` in the posture that needs the least motion from `near`."""
+    """Return the result of `LJM`: the point `of` in the posture that is nearest to `near`."""
     here = near or task.value('here', ())
     assert isinstance(here, Point)  # noqa: S101 - Here is one
     result = task.value('ljm', (of, here, number))
@@ -131,7 +133,10 @@ def distance(task: Task, first: Point, second: Point) -> float:
 
 
 def define_local(task: Task, number: int, *arguments: Point, words: tuple[str, ...] = ()) -> None:
-    """Execute `Local n` with one point, three points, or two pairs (SPEL+ manual p514)."""
+    """Execute `Local n` with one point, three points, or two pairs (SPEL+ manual p514).
+
+    A pair is a point of the local and the same point in Local 0.
+    """
     task.may('local')
     points = [task.world.host.stored_point(item) for item in arguments]
     if 'pair' in words:
@@ -146,7 +151,6 @@ def define_local(task: Task, number: int, *arguments: Point, words: tuple[str, .
 
 
 def set_local(task: Task, number: int, local: float) -> None:
-    """Execute `PLocal(P1) = local`."""
     chosen = str(within('PLocal', nearest(local), 0, 15))
     task.world.points[number] = point(task, number).flagged(chosen)
 
@@ -183,7 +187,6 @@ POINT_STATEMENTS: dict[str, Callable[..., None]] = {
     'localclr': lambda task, number: task.world.locals.pop(nearest(number), None),
     'hand': _set_hand,
 }
-"""Name of the statement in lower case → function that executes it."""
 
 POINT_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'pnumber': lambda _task, number: number,
@@ -196,4 +199,3 @@ POINT_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'localdef': lambda task, number: -(number in task.world.locals),
     'hand': _hand,
 }
-"""Name of the function in lower case → its implementation."""

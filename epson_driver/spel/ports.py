@@ -25,14 +25,13 @@ from epson_driver.spel.values import LONGEST_STRING, TYPES, Array, Point, Value,
 
 ONE_TASK = ': one task opens, uses and closes a port'
 _DISPLAYS = (0, 20, 21, 24)
-"""Devices that display printed text, like the run window."""
+"""Numbers of devices that display printed text, like the run window."""
 _MAX_BYTES = 1_023
 _LONGEST_LINE = 1_024
 _TERMINATORS = {'cr': '\r', 'lf': '\n', 'crlf': '\r\n'}
 
 
 def port_of(task: Task, name: str, number: float) -> Port:
-    """Return a port, open or not. Raises SpelError if the number is not in PORTS."""
     index = within(name, nearest(number), *PORTS)
     return task.world.ports.setdefault(index, Port())
 
@@ -42,7 +41,6 @@ def _taken(task: Task, port: Port) -> bool:
 
 
 def _opened(task: Task, name: str, number: int) -> Port:
-    """Return a port that this task has opened. Raises SpelError if it has not."""
     port = port_of(task, name, number)
     if port.owner == 0:
         raise SpelError(ErrorNumber.PORT_NOT_OPEN, f'{name}: port {number} is not open')
@@ -60,7 +58,6 @@ def set_net(
     timeout: float | None = None,
     words: tuple[str, ...] = ('crlf', 'tcp'),
 ) -> None:
-    """Execute `SetNet #n, host, port, …`: store the settings of a port."""
     port = port_of(task, 'SetNet', number)
     wait = 0.0 if timeout is None else float(timeout)
     within('SetNet', nearest(wait), 0, 1_000_000)
@@ -69,7 +66,6 @@ def set_net(
 
 
 def open_net(task: Task, number: float, words: tuple[str, ...] = ()) -> None:
-    """Execute `OpenNet #n As Server|Client`."""
     port = port_of(task, 'OpenNet', number)
     if _taken(task, port):
         text = f'OpenNet: port {nearest(number)} was opened by task {port.owner}{ONE_TASK}'
@@ -97,7 +93,6 @@ def close_net(task: Task, number: float | None) -> None:
 
 
 def wait_net(task: Task, number: float, time: float | None = None) -> None:
-    """Execute `WaitNet #n[, time]`: wait up to `time` s for a peer. TW is True on timeout."""
     index = nearest(number)
     _opened(task, 'WaitNet', index)
     network = task.world.host.network
@@ -106,8 +101,11 @@ def wait_net(task: Task, number: float, time: float | None = None) -> None:
 
 
 def check_net(task: Task, number: int) -> int:
-    """Return `ChkNet`: received bytes, or -1 (no peer), -2 (another task's port), -3 (closed)."""
-    task.since_wait = 0  # it reads inputs
+    """Return the result of `ChkNet`.
+
+    It is the number of received bytes, -1 (no peer), -2 (another task's port) or -3 (closed).
+    """
+    task.since_wait = 0  # a loop that reads inputs is not endless
     port = port_of(task, 'ChkNet', number)
     if port.owner == 0:
         return -3
@@ -175,7 +173,6 @@ def _byte(value: int, type_name: str) -> Value:
 
 
 def read_bin(task: Task, number: int, into: Array | Reference, count: int | None) -> None:
-    """Execute `ReadBin #n, a(), count`: store one received byte in each element."""
     if isinstance(into, Array):
         size = _count('ReadBin', count, into)
         container, start, type_name = into.d, 0, into.type
@@ -192,7 +189,6 @@ def read_bin(task: Task, number: int, into: Array | Reference, count: int | None
 
 
 def write_bin(task: Task, number: int, what: Array | int, count: int | None) -> None:
-    """Execute `WriteBin #n, a(), count`: send the low byte of each element."""
     if isinstance(what, Array):
         values = what.d[: _count('WriteBin', count, what)]
         data = bytes(int(value) & 0xFF for value in values)
@@ -214,7 +210,6 @@ def read(task: Task, number: int, into: Reference, count: int | None) -> None:
 
 
 def write(task: Task, number: int, text: str, _count: int | None = None) -> None:
-    """Execute `Write #n, s$`."""
     _send(task, 'Write', number, _encoded(text))
 
 
@@ -223,7 +218,7 @@ def _encoded(text: str) -> bytes:
 
 
 def _line_end(data: bytes, terminator: bytes) -> int:
-    """Return the length of the first line with its end, or 0 if the line is incomplete."""
+    """Return the length of the first line, including its end, or 0 if the line is incomplete."""
     at = data.find(terminator)
     if at >= 0:
         return at + len(terminator)
@@ -233,7 +228,7 @@ def _line_end(data: bytes, terminator: bytes) -> int:
 def print_to(
     task: Task, number: int | None, items: tuple[tuple[Value | Point, str], ...], line: bool
 ) -> None:
-    """Execute `Print [#n,] a, b[,]`. `line`: whether to end the line (no comma at the end)."""
+    """Execute `Print [#n,] a, b[,]`. `line`: whether to end the printed line."""
     text = ' '.join(text_of(value, kind) for value, kind in items)
     if number is None or number in _DISPLAYS:
         task.owe('print')
@@ -249,7 +244,10 @@ def print_to(
 def input_from(
     task: Task, number: int | None, targets: tuple[Reference, ...], whole: bool
 ) -> None:
-    """Execute `Input [#n,] a, b` or `Line Input [#n,] s$` (`whole`). No #n: the terminal."""
+    """Execute `Input [#n,] a, b`, or `Line Input [#n,] s$` (`whole`).
+
+    Without #n, read from the terminal.
+    """
     if number is None:
         input_terminal(task, targets, whole)
         return
@@ -267,7 +265,7 @@ def input_from(
 
 
 def lines_waiting(task: Task, number: int) -> int:
-    """Return `Lof`: the number of complete lines received."""
+    """Return the result of `Lof`: the number of complete lines that were received."""
     port = port_of(task, 'Lof', number)
     if port.owner == 0:
         return 0
@@ -286,4 +284,3 @@ NET_STATEMENTS: dict[str, Callable[..., None]] = {
     'print': print_to,
     'input': input_from,
 }
-"""Name of the statement in lower case → function that executes it."""

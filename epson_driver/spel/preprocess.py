@@ -17,14 +17,12 @@ from epson_driver.spel.values import TYPES
 DEEPEST_INCLUDE = 16
 MAX_PARAMETERS = 8
 MAX_TOKENS = 20_000
-"""Maximum tokens of one line during macro expansion."""
+"""Maximum number of tokens in one line during macro expansion."""
 DEEPEST_DEFINITION = 50
-"""Maximum macro nesting depth."""
 MAX_LINES = 200_000
-"""Maximum lines of one file including its included files."""
+"""Maximum number of lines in one file, including its included files."""
 
 _DECLARES = frozenset({*TYPES, 'global', 'preserve', 'static'})
-"""Words that start a declaration."""
 
 _DIRECTIVE = re.compile(r'\s*#\s*([A-Za-z]+)')
 _DIRECTIVES = ('define', 'undef', 'ifdef', 'ifndef', 'else', 'endif', 'include')
@@ -32,7 +30,7 @@ _DIRECTIVES = ('define', 'undef', 'ifdef', 'ifndef', 'else', 'endif', 'include')
 
 @dataclass(frozen=True)
 class Definition:
-    """A `#define`: the tokens that replace the name, and its parameters, if any."""
+    """A `#define`: the tokens that replace the name, and the parameters, if any."""
 
     parameters: tuple[str, ...] | None
     body: tuple[Token, ...]
@@ -40,16 +38,12 @@ class Definition:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of the program: its position and its tokens."""
-
     position: Position
     tokens: tuple[Token, ...]
 
 
 @dataclass
 class _Condition:
-    """An #ifdef: whether its lines are active, and its position."""
-
     position: Position
     active: bool
     outer: bool
@@ -57,8 +51,6 @@ class _Condition:
 
 
 class Preprocessor:
-    """Reads one file with all files that it includes."""
-
     def __init__(self, files: Mapping[str, str], problems: list[Problem]) -> None:
         self._files = {name.lower(): (name, text) for name, text in files.items()}
         self._problems = problems
@@ -67,7 +59,6 @@ class Preprocessor:
         self._steps = 0
 
     def lines(self, name: str) -> Iterator[Line]:
-        """Yield the program lines of a file, and append its problems to the list `problems`."""
         yield from self._lines(name.lower(), 0)
 
     def _lines(self, key: str, depth: int) -> Iterator[Line]:
@@ -215,7 +206,7 @@ class Preprocessor:
 def _arguments(
     found: list[Token], at: int, name: Token, count: int
 ) -> tuple[list[list[Token]], int]:
-    """Return the arguments of a definition with parameters, and the index after them."""
+    """Return a definition's arguments, and the index of the token that follows them."""
     problem = SyntaxProblem(name.position, f'{name.text} needs {count} arguments in ( )')
     if at >= len(found) or found[at].text != '(':
         raise problem

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Builds a program from files: read, parse, compile. All problems are reported together.
 
-Programs are often shared alone, without their .pts file and IOLabels.dat. A name that can only be
-the label of a point or of I/O is then treated as one, with a warning.
+Programs are often shared without their .pts file and IOLabels.dat. A name that can only be a label
+of a point or of I/O is then treated as such a label, with a warning.
 """
 
 import re
@@ -44,7 +44,7 @@ from epson_driver.spel.words import FIRST, WORDS, reserved
 _MOTIONS = frozenset(name for name, rule in COMMANDS.items() if rule.form == '@motion')
 _PLACES = frozenset({'here', 'xy', 'ja', 'pulse', 'agltopls', 'curpos', 'realpos', 'pallet'})
 _OF_POINTS = frozenset({'pallet', 'local'})
-"""Statements with points and numbers as arguments."""
+"""Statements whose arguments are points and numbers."""
 _SIDES = frozenset({'x', 'y', 'l', 'r', 'baseu', 'outside'})
 _SWITCHED = frozenset({'on', 'off', 'out', 'outw', 'opbcd'})
 _READ = frozenset({'sw', 'in', 'inw', 'oport', 'out', 'outw'})
@@ -60,7 +60,7 @@ def add_missing(
     """Add the labels that a project without .sprj, .pts or IOLabels.dat leaves undefined.
 
     Points get the numbers 999, 998, … and no position. I/O labels are added to `data.unlabelled`.
-    Each of them adds a warning to `notes`.
+    For each added label, `notes` gets a warning.
     """
     there = {name.lower() for name in files}
     if any(name.endswith(PROJECT) for name in there):
@@ -84,7 +84,7 @@ def _note(notes: list[Problem], token: Token, kind: str, why: str) -> None:
 
 
 def _declared(lines: Iterable[Line]) -> set[str]:
-    """Return the names in all lines that contain a type, which may declare them."""
+    """Return the names in all lines that contain a type. The lines may declare these names."""
     result: set[str] = set()
     for line in lines:
         if any(token.lower in TYPES for token in line.tokens):
@@ -144,23 +144,19 @@ def _threes(line: Line) -> Iterable[tuple[Token, Token, Token]]:
 
 
 MAX_ELEMENTS = 2_000_000
-"""Maximum elements of all shared arrays together."""
+"""Maximum number of elements in all shared arrays together."""
 
 MAX_TEXT = 50_000
-"""Maximum characters of Python text per compilation. Each needs about 150 bytes of memory."""
+"""Maximum number of characters of Python text in one compilation.
+
+Each character needs about 150 bytes of memory.
+"""
 
 OFF = "'"
-"""Prefix of a #define line that makes it a comment."""
+"""Prefix that turns a #define line into a comment."""
 
 COMMAND = '$Execute'
-"""Name of the file and function of a command in the command window."""
-
-_EXECUTED = f'Function {COMMAND}', 'Fend'
-_EVALUATED = (
-    f'Function {COMMAND} As Long; OnErr GoTo failed',
-    f'Exit Function; failed :; {COMMAND} = Err; Fend',
-)
-"""Text before and after the statements of `$Execute`, and of `Eval`."""
+"""Name of the file, and of the function, that contain a command of the command window."""
 
 _DEFINE = re.compile(r"\s*'?#define\s+([A-Za-z]\w*)(?:\s+(.*))?$")
 
@@ -168,8 +164,9 @@ _DEFINE = re.compile(r"\s*'?#define\s+([A-Za-z]\w*)(?:\s+(.*))?$")
 def with_defines(files: Mapping[str, str], values: Mapping[str, str]) -> dict[str, str]:
     """Return the files with other values in their #define lines.
 
-    The value '' disables a line. A line that a leading ' disables is enabled by any other value.
-    Raises InputError if no file has a line for a name, or if a value is not printable.
+    The value '' disables a line with a leading '. Any other value enables a line that was disabled
+    in this way. Raises InputError if no file has a line for a name, or if a value is not
+    printable.
     """
     left = dict(values)
     changed = {}
@@ -192,13 +189,13 @@ def with_defines(files: Mapping[str, str], values: Mapping[str, str]) -> dict[st
 
 
 TESTS = r'test\w*'
-"""Pattern of the names of tests."""
+"""Pattern of the names of test functions."""
 
 
 def with_setup(files: Mapping[str, str], statements: str, functions: str) -> dict[str, str]:
     """Return the files with statements added at the start of functions without parameters.
 
-    `functions`: the pattern of their names, such as main, or `TESTS`.
+    `functions`: the pattern of the names of these functions, such as main, or `TESTS`.
     """
     start = rf'(?im)^[ \t]*function[ \t]+(?:{functions})\b(?:[ \t]*\([ \t]*\)|(?![ \t]*\())'
     return {
@@ -212,7 +209,6 @@ def with_setup(files: Mapping[str, str], statements: str, functions: str) -> dic
 def _parse(
     files: Mapping[str, str], problems: list[Problem], notes: list[Problem], data: ProjectData
 ) -> list[File]:
-    """Return the parsed .prg files. Append to `problems`, and warnings to `notes`."""
     lines: dict[str, list[Line]] = {}
     for name in files:
         if name.lower().endswith('.prg'):
@@ -235,7 +231,6 @@ def _joined_types(files: Iterable[list[Line]]) -> Iterator[Problem]:
 
 
 def build(files: Mapping[str, str]) -> Program:
-    """Return the program of a project's files. Raises ProgramError if the files have problems."""
     problems: list[Problem] = []
     program = build_with(files, problems)
     if problems:
@@ -246,7 +241,10 @@ def build(files: Mapping[str, str]) -> Program:
 def build_with(
     files: Mapping[str, str], problems: list[Problem], notes: list[Problem] | None = None
 ) -> Program:
-    """Build a program as far as possible. Append to `problems`, and warnings to `notes`."""
+    """Build a program as far as possible.
+
+    Errors are added to `problems`, and warnings to `notes`.
+    """
     notes = [] if notes is None else notes
     data = project_data(files, problems)
     parsed = _parse(files, problems, notes, data)
@@ -303,11 +301,10 @@ def build_with(
     return Program(list(codes.values()), codes, variables, declared, parsed, source, data, shared)
 
 
-def command(program: Program, text: str, evaluated: bool = False) -> FunctionCode:
+def command(program: Program, text: str) -> FunctionCode:
     """Compile statements of the command window. Raises ProgramError if they are invalid.
 
     They may use the Global variables of the program. An unterminated string ends with the text.
-    With `evaluated`, for `Eval`, the code returns its error number.
     """
     at = Position(COMMAND, 1)
     problems: list[Problem] = []
@@ -321,11 +318,8 @@ def command(program: Program, text: str, evaluated: bool = False) -> FunctionCod
                 problems.append(Problem(part[0].position, 'syntax', message))
     except SyntaxProblem as problem:
         raise ProgramError([problem.problem]) from problem
-    before, after = (
-        Line(at, tuple(Token(NAME, word, at) for word in words.replace(';', ' ;').split()))
-        for words in (_EVALUATED if evaluated else _EXECUTED)
-    )
-    lines = [before, line, after]
+    before, after = Token(NAME, 'Function', at), Token(NAME, 'Fend', at)
+    lines = [Line(at, (before, Token(NAME, COMMAND, at))), line, Line(at, (after,))]
     file = Parser(COMMAND, lines, set(program.by_name), problems, program.data.point_labels).file()
     if problems:
         raise ProgramError(problems)
@@ -342,14 +336,13 @@ def command(program: Program, text: str, evaluated: bool = False) -> FunctionCod
 
 
 def reserved_names(file: File, version: tuple[int, ...]) -> Iterator[Problem]:
-    """Yield a problem for each name in a file that is a word of SPEL+ in a version."""
     inner = [(of, *of.parameters, *of.nodes) for of in file.functions]
     for node in chain(*inner, walk(file.declarations)):
         if not isinstance(node, Function | Parameter | VariableName | Label):
             continue
         if reserved(node.name, version):
             what = type(node).__name__.lower()
-            text = f'{node.name} is a word of SPEL+: no {what} can be so named'
+            text = f'{node.name} is a reserved word of SPEL+: it cannot name a {what}'
             yield Problem(node.at, 'reserved', text)
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The data of a project besides programs: points, labels of points, I/O and errors.
+"""The data of a project besides its programs: points, and labels of points, I/O and errors.
 
 A project is a mapping from file name to text, as returned by `read_project`.
 """
@@ -31,14 +31,17 @@ PROGRAM, INCLUDE, POINTS, PROJECT = '.prg', '.inc', '.pts', '.sprj'
 ERRORS, IO_LABELS = 'usererrors.dat', 'iolabels.dat'
 RULE = 'project-file'
 
-_HANDS, _ELBOWS, _WRISTS = {2: 'l', 1: 'r'}, {2: 'b'}, {2: 'f'}
+_POSTURES = {'nHand': {2: 'l', 1: 'r'}, 'nElbow': {2: 'b'}, 'nWrist': {2: 'f'}}
 _J_FLAGS = ('J1', 'J2', 'J4', 'J6')
 _J_ANGLES = ('J1', 'J4')
 
 
 @dataclass(frozen=True, slots=True)
 class PointFile:
-    """The points of a .pts file by number, their labels in lower case, and their spelling."""
+    """The points of a .pts file by number, and their labels.
+
+    `labels` are in lower case, and `spelling` contains their original spelling.
+    """
 
     points: dict[int, Point]
     labels: dict[str, int]
@@ -49,36 +52,36 @@ class PointFile:
 class ProjectData:
     """Names that programs can use: errors, I/O and points.
 
-    `points` come from the first point file, the robot's default. `point_labels` come from all
-    files.
+    `points` come from the first point file, which is the robot's default. `point_labels` come from
+    all point files.
     """
 
     labels: dict[str, int] = field(default_factory=dict)
     texts: dict[int, str] = field(default_factory=dict)
-    """Error numbers with their messages."""
+    """Error number → message."""
     point_files: dict[str, PointFile] = field(default_factory=dict)
-    """File name in lower case → points."""
+    """File name in lower case → contents of the point file."""
     point_labels: dict[str, int] = field(default_factory=dict)
     spelling: dict[str, str] = field(default_factory=dict)
-    """Labels of points in lower case → original spelling."""
+    """Label of a point in lower case → original spelling."""
     io_labels: dict[tuple[int, int, int], str] = field(default_factory=dict)
     """Kind (input 0, output 1, memory 2), width and number → label in original spelling."""
     unlabelled: set[str] = field(default_factory=set)
-    """Labels of I/O whose numbers are in no file, in lower case."""
+    """Labels of I/O that no file assigns to a number, in lower case."""
 
     @property
     def points(self) -> dict[int, Point]:
-        """The points in memory at the start."""
         return next((dict(file.points) for file in self.point_files.values()), {})
 
 
 def read_project(path: Path) -> dict[str, str]:
-    """Return the texts of a project by file name. `path`: a folder, a .sprj, or one .prg.
+    """Return the texts of a project by file name.
 
-    Of a folder or .sprj, only the files that the .sprj lists are read, with the point files of
-    robot 1 (the default first). If a listed program is missing, all programs and data in the
-    folder are read. A .prg is read with the files of its folder except other programs. Raises
-    InputError if a file cannot be read, or no .prg exists.
+    `path` is a folder, a .sprj file, or a .prg file. For a folder or a .sprj file, only the files
+    that the .sprj file lists are read, and the point files of robot 1, with its default file
+    first. If a listed program is missing, all programs and data in the folder are read. For a .prg
+    file, the other files in its folder are read, too, except other programs. Raises InputError if
+    a file cannot be read, or if no .prg file exists.
     """
     folder = path if path.is_dir() else path.parent
     there = {
@@ -110,7 +113,7 @@ def read_project(path: Path) -> dict[str, str]:
 def listed_files(project: Block) -> Iterator[str]:
     """Yield the files of a project, with the default point file of robot 1 first.
 
-    Raises RcFileError if it lists no program.
+    Raises RcFileError if the project lists no program.
     """
     for kind in ('ProgramFile', 'IncludeFile'):
         yield from (block.text('sName') for block in project.blocks(kind))
@@ -125,7 +128,11 @@ def listed_files(project: Block) -> Iterator[str]:
 
 
 def decoded(content: bytes, page: str = '') -> str:
-    """Decode a text: UTF-8, or else `page`, or a code page that is detected from the content."""
+    """Decode a text.
+
+    It may be in UTF-8, in the code page `page`, or in a code page that is detected from the
+    content.
+    """
     for name in ('utf-8-sig', page or _code_page(content)):
         with suppress(UnicodeDecodeError):
             return _with_line_feeds(content.decode(name))
@@ -135,7 +142,7 @@ def decoded(content: bytes, page: str = '') -> str:
 def _decoded_together(contents: Mapping[str, bytes]) -> dict[str, str]:
     """Decode the files of a project with one code page, because one PC has written them.
 
-    The .sprj is decoded separately, because its fonts may be named in another code page.
+    The .sprj is decoded separately, because the names of its fonts may use another code page.
     """
     apart = [name for name in contents if name.lower().endswith(PROJECT)]
     page = _code_page(b'\n'.join(item for name, item in contents.items() if name not in apart))
@@ -150,7 +157,7 @@ def _with_line_feeds(text: str) -> str:
 
 
 def encoded(text: str) -> Iterator[bytes]:
-    """Yield the possible original bytes of a text that `decoded` returned."""
+    """Yield each sequence of bytes from which `decoded` may have returned this text."""
     for name in ('utf-8', *_LEADS, 'latin-1'):
         with suppress(UnicodeEncodeError):
             yield text.encode(name)
@@ -159,7 +166,8 @@ def encoded(text: str) -> Iterator[bytes]:
 def resealed(old: str, new: str) -> str:
     """Return the text `new` of a file of RC+, with its size and checksum in the header.
 
-    The encoding is that of the text `old`. If the header of `old` is wrong, `new` is unchanged.
+    The bytes are counted in the encoding of `old`. If the header of `old` is wrong, `new` is
+    returned unchanged.
     """
     for name in ('utf-8', *_LEADS, 'latin-1'):
         with suppress(UnicodeEncodeError):
@@ -174,14 +182,20 @@ _LEADS = {
     'gb18030': range(0xB0, 0xD8),
     'big5': range(0xA4, 0xC7),
 }
-"""Lead bytes of the common characters: kana and the first level of kanji, hanzi, hangul."""
+"""Code page → lead bytes of its common characters.
+
+They are the kana, and the first level of kanji, hanzi or hangul.
+"""
 
 _COMMON_SHARE = 0.6
-"""Minimum fraction of common characters among two-byte ones. German text has no such pairs."""
+"""Minimum fraction of common characters among two-byte characters.
+
+German text has no such pairs of bytes.
+"""
 
 
 def _code_page(content: bytes) -> str:
-    """Return the encoding with the largest fraction of common characters, or latin-1."""
+    """Return the code page with the largest fraction of common characters, or latin-1."""
     best, chosen = _COMMON_SHARE, 'latin-1'
     if content.isascii():
         return chosen
@@ -199,7 +213,6 @@ def _code_page(content: bytes) -> str:
 
 
 def project_data(files: Mapping[str, str], problems: list[Problem]) -> ProjectData:
-    """Return the points and labels in a project's files, and append to `problems`."""
     data = ProjectData()
     for name, text in files.items():
         lower = name.lower()
@@ -246,7 +259,6 @@ def _points(block: Block) -> PointFile:
 
 
 def point_file(name: str, content: bytes) -> PointFile:
-    """Parse the content of a .pts file. Raises SpelError if it is invalid."""
     try:
         return _points(parsed(name, decoded(content)))
     except RcFileError as error:
@@ -254,7 +266,6 @@ def point_file(name: str, content: bytes) -> PointFile:
 
 
 def points_of(points: Mapping[int, Point], labels: Mapping[int, str], when: datetime) -> str:
-    """Return the text of a .pts file with these points."""
     body = Block('', [('sVersion', '"2.0.0"'), ('nNumberOfPoints', str(len(points)))])
     for turn, (number, point) in enumerate(sorted(points.items()), 1):
         axes = zip('XYZUVW', (*point.values, *[0.0] * 6), strict=False)
@@ -271,11 +282,7 @@ def points_of(points: Mapping[int, Point], labels: Mapping[int, str], when: date
                     ('nLocal', next((flag for flag in point.flags if flag.isdigit()), '0')),
                     *(
                         (key, str(next((k for k, w in words.items() if w in point.flags), 1)))
-                        for key, words in (
-                            ('nHand', _HANDS),
-                            ('nElbow', _ELBOWS),
-                            ('nWrist', _WRISTS),
-                        )
+                        for key, words in _POSTURES.items()
                     ),
                     *((f'n{joint}Flag', _reported(point, f'{joint}f')) for joint in _J_FLAGS),
                     *((f'r{joint}Angle', _reported(point, f'{joint}a')) for joint in _J_ANGLES),
@@ -291,7 +298,7 @@ def _reported(point: Point, mark: str) -> str:
 
 
 def _flags(block: Block) -> Iterator[str]:
-    for key, words in (('nHand', _HANDS), ('nElbow', _ELBOWS), ('nWrist', _WRISTS)):
+    for key, words in _POSTURES.items():
         if (word := words.get(int(block.number(key)))) is not None:
             yield word
     for joint in _J_FLAGS:
@@ -309,7 +316,7 @@ IO_BLOCKS = {
     for number, kind in enumerate(('Input', 'Output', 'Memory'))
     for unit, width in (('Bit', 1), ('Byte', 8), ('Word', 16))
 }
-"""Block of IOLabels.dat → kind of I/O, width, key of the number."""
+"""Block of IOLabels.dat → kind of I/O, width, and key of the number."""
 
 
 def _io_labels(block: Block) -> dict[tuple[int, int, int], str]:

@@ -11,10 +11,9 @@ PORTS = (201, 216)
 FILES = (30, 63)
 _TASKS = (1, 267)
 _CHARACTERS = (0, LONGEST_STRING)
-_LONGEST = 1e7
-"""Maximum waiting time, s."""
+_LONGEST = 1e7  # maximum time in a statement, s
 _MAX = 32767
-"""Maximum of numbers that the robot or its I/O limits, but not the manual."""
+"""Maximum of numbers that the robot or its I/O limits, while the manual states no limit."""
 
 RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
     name: ranges
@@ -73,11 +72,13 @@ RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
     )
     for name in names.split()
 }
-"""Name in lower case → ranges of the arguments. `arch(` is the function, `arch` the statement."""
+"""Name in lower case → ranges of the arguments.
+
+`arch(` is the function, and `arch` the statement.
+"""
 
 
 def key_of(name: str) -> str:
-    """Return the key of a function in RANGES."""
     called = f'{name.lower()}('
     return called if called in RANGES else name.lower()
 
@@ -89,7 +90,7 @@ def limits(key: str, place: int) -> tuple[float, float] | None:
 
 
 def outside(key: str, place: int, value: float) -> str:
-    """Return the error text if `value` is out of range, or ''."""
+    """Return the error text if `value` is out of range, or else ''."""
     low, high = limits(key, place) or (-inf, inf)
     if low <= value <= high:
         return ''
@@ -99,7 +100,6 @@ def outside(key: str, place: int, value: float) -> str:
 
 
 def refuse(name: str, key: str, place: int, value: float) -> None:
-    """Raise SpelError, because `value` is out of range."""
     wrong = f'{name}: {outside(key, place, value)}'
     if (limits(key, place) or _TASKS)[1] == _TASKS[1]:
         raise SpelError(ErrorNumber.TASK_NUMBER, wrong)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which variable, function or label a name denotes, and limits of declarations."""
+"""Finds the variable, function or label that a name denotes. Checks the limits of declarations."""
 
 from collections.abc import Mapping
 
@@ -8,7 +8,6 @@ from epson_driver.spel.code import Variable
 from epson_driver.spel.errors import Position, SyntaxProblem
 from epson_driver.spel.project_data import ProjectData
 from epson_driver.spel.syntax import (
-    Apply,
     Binary,
     Declaration,
     Declare,
@@ -27,11 +26,14 @@ LIMITS = {
     'global': (100_000, 10_000),
     'preserve': (4_000, 400),
 }
-"""Scope → maximum elements of an array of numbers, and of strings (SPEL+ manual p952)."""
+"""Scope → maximum number of elements in an array of numbers, and in an array of strings.
+
+Source: SPEL+ manual p952.
+"""
 
 
 def constant(expression: Expression, constants: Mapping[str, int | str]) -> int | float | None:
-    """Return the value of a constant numeric expression, or None for another expression."""
+    """Return the value of a numeric expression if it is constant, or else None."""
     if isinstance(expression, Number):
         return expression.value
     if isinstance(expression, Name):
@@ -56,28 +58,23 @@ def constant(expression: Expression, constants: Mapping[str, int | str]) -> int 
 
 
 ONE_WHEN_ON = frozenset({'sw', 'memsw', 'oport', 'btst', 'motor', 'power', 'cp'})
-"""Functions that return 1 instead of True."""
+"""Functions that return 1 instead of True, which is -1."""
 
 
-def against_true(expression: Binary, scope: 'Scope') -> Binary:
-    """Return `Sw(1) = True` as `Sw(1) <> 0`. Programs use it, but Sw returns 1, and True is -1."""
+def against_true(expression: Binary) -> Binary:
+    """Convert `i = True` to `i <> 0`, which is its meaning in the SPEL+ manual (p420).
+
+    Functions such as Sw return 1, but True is -1 (p995).
+    """
     for one, other in ((expression.left, expression.right), (expression.right, expression.left)):
-        if (
-            expression.operator in ('=', '<>')
-            and isinstance(one, Name)
-            and one.name.lower() == 'true'
-            and isinstance(other, Name | Apply)
-            and other.name.lower() in ONE_WHEN_ON
-            and scope.variable(other.name) is None
-        ):
+        named = isinstance(one, Name) and one.name.lower() == 'true'
+        if named and expression.operator in ('=', '<>'):
             turned = '<>' if expression.operator == '=' else '='
             return Binary(turned, other, Number(0, one.at, '0'), expression.at)
     return expression
 
 
 class Scope:
-    """The names that are visible in a file or in a function of it."""
-
     def __init__(
         self,
         shared: dict[str, Variable],
@@ -95,24 +92,19 @@ class Scope:
         self.constants: dict[str, int | str] = {**CONSTANTS, **data.labels}
 
     def for_file(self, module: dict[str, Variable]) -> 'Scope':
-        """Return the scope inside a file."""
         return Scope(self._shared, self.functions, self.libraries, self.data, module)
 
     def for_function(self) -> 'Scope':
-        """Return the scope inside a function, initially without locals."""
         return self.for_file(self._module)
 
     def point_number(self, name: str) -> int | None:
-        """Return the number of the point with a label, or None."""
         return self.data.point_labels.get(name.lower())
 
     def variable(self, name: str) -> Variable | None:
-        """Return the variable with a name, or None."""
         key = name.lower()
         return self._local.get(key) or self._module.get(key) or self._shared.get(key)
 
     def add_local(self, variable: Variable) -> None:
-        """Add a local variable. Raises SyntaxProblem if the function has already declared it."""
         key = variable.name.lower()
         if key in self._local:
             text = f'{variable.name} is declared twice in the function'
@@ -120,7 +112,6 @@ class Scope:
         self._local[key] = variable
 
     def bounds(self, declared: Declaration, number: int) -> tuple[int, ...]:
-        """Return the bounds of a declared variable. Raises SyntaxProblem if they are invalid."""
         variable = declared.variables[number]
         result = []
         for expression in variable.bounds:
@@ -137,7 +128,6 @@ class Scope:
 def check_size(
     name: str, type_name: str, scope: str, bounds: tuple[int, ...], at: Position
 ) -> None:
-    """Raise SyntaxProblem if an array is larger than its scope allows."""
     numbers, strings = LIMITS[scope]
     maximum = strings if TYPES[type_name].kind == 's' else numbers
     if size(bounds) > maximum:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """spel.yaml, the file beside a project with the settings that RC+ stores outside the project.
 
-RC+ stores them in the controller or in its system configuration. `KEYS` is the table of the keys,
-for the file and for the option --set.
+RC+ stores these settings in the controller or in its system configuration. `KEYS` is the table of
+their keys, for the file and for the option --set.
 """
 
 import re
@@ -31,7 +31,7 @@ from epson_driver.spel.ranges import PORTS
 from epson_driver.spel.words import WORDS
 
 MAX_FRAMES = 15
-"""Highest number of a tool and of a local."""
+"""Highest number of a tool, and of a local."""
 
 _ENDS = {'CR': '\r', 'LF': '\n', 'CRLF': '\r\n'}
 _COORDINATE = number(-1e6, 1e6)
@@ -43,9 +43,9 @@ class Settings:
 
     * robot, controller: their models, or None if they are not set.
     * ports: settings of ports 201 to 216.
-    * stubs: by statement or function that is not simulated, the results it gives, in order.
+    * stubs: statement or function that is not simulated → its results, in order.
     * setup: statements to run before main.
-    * source: the file with the settings, or `--set` without a file.
+    * source: the file that contains the settings, or `--set` if there is no file.
     """
 
     robot: str | None = None
@@ -59,7 +59,6 @@ class Settings:
 
     @property
     def statements(self) -> str:
-        """All statements to run before main, separated by semicolons."""
         frames = (
             f'{statement} {index}, XY({", ".join(f"{value:.9g}" for value in values)})'
             for statement, defined in (('TLSet', self.tools), ('Local', self.locals))
@@ -69,7 +68,10 @@ class Settings:
 
 
 class Key(NamedTuple):
-    """The rule for the value of a key. If it has items, `item` is the rule for their keys."""
+    """The rule for the value of a key.
+
+    If the value has items, `item` is the rule for their keys.
+    """
 
     value: Rule
     item: Rule | None = None
@@ -128,16 +130,15 @@ KEYS = {
     'locals': Key(_FRAME, _index(1, MAX_FRAMES)),
     'setup': Key(Rule(_text, 'must be one line of statements, separated by ;')),
 }
-"""Key in spel.yaml → rule."""
 
 
 def read_settings(
     folder: Path | None, overrides: Iterable[str] = (), **names: str | None
 ) -> Settings:
-    """Return the settings in the spel.yaml of a folder, if any, with overrides KEY[.ITEM]=VALUE.
+    """Return the settings of a folder's spel.yaml, if any, with the overrides KEY[.ITEM]=VALUE.
 
-    `names`: further overrides by key, as plain texts. None has no effect. Raises InputError, with
-    what is allowed, if a key or a value is invalid.
+    `names`: further overrides by key, as plain texts. None as a text has no effect. Raises
+    InputError, which names the allowed values, if a key or a value is invalid.
     """
     path = None if folder is None else folder / SETTINGS_FILE
     there = path is not None and (path.exists() or path.is_symlink())
@@ -154,7 +155,6 @@ def read_settings(
 
 
 def file_values(path: Path) -> dict[str, Any]:
-    """Return the values in a settings file by key. Raises InputError if one is invalid."""
     content = read_yaml(path)
     if content is not None and not isinstance(content, dict):
         raise InputError(f'{printable(path)}: must have lines KEY: VALUE, with {_keys()}')
@@ -182,8 +182,8 @@ def _add(values: dict[str, Any], where: str, key: str, item: str | None, value: 
     if row.item is None:
         values[key] = row.value.checked(value, where)
     elif item is None:
-        rule = f'each item {row.item.text}, its value {row.value.text}'
-        raise InputError(f'{where} = {shown(value)}: must have items: {rule}')
+        rule = f'each item {row.item.text}, and each value {row.value.text}'
+        raise InputError(f'{where} = {shown(value)}: must have lines ITEM: VALUE, where {rule}')
     else:
         try:
             name = row.item.read(item)

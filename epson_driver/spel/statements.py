@@ -1,12 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parses the statements of one line, by the forms of commands.py."""
+"""Parses the statements of one line according to the argument forms of commands.py."""
 
 import re
 from collections.abc import Container, Iterator
 from dataclasses import replace
 
-from epson_driver.spel.commands import TASK_TYPE_WORDS
+from epson_driver.spel.commands import TASK_TYPE_WORDS, TRAP_EVENTS
 from epson_driver.spel.errors import SyntaxProblem
 from epson_driver.spel.expressions import Reader
 from epson_driver.spel.functions import AXES
@@ -48,7 +48,6 @@ from epson_driver.spel.syntax import (
     Xqt,
 )
 
-TRAP_EVENTS = ('emergency', 'error', 'pause', 'sgopen', 'sgclose', 'abort', 'finish')
 _TERMINATORS = ('cr', 'lf', 'crlf')
 _PROTOCOLS = ('tcp', 'udp', 'udp_send', 'udp_recv')
 _CONDITIONS = ('till', 'find', 'sense')
@@ -59,14 +58,12 @@ _MODIFIERS = (*_CONDITIONS, *_NUMBERED, *_PLAIN, 'cp', '!')
 
 
 class Statements:
-    """Parses the rest of a statement after its first word."""
-
     def __init__(self, functions: set[str], points: Container[str] = frozenset()) -> None:
         self._functions = functions
         self._points = points
 
     def read_form(self, reader: Reader, first: Token, form: str) -> Command:
-        """Parse arguments by a form of commands.py."""
+        """Parse the arguments of a statement according to a form of commands.py."""
         arguments: list[Expression | None] = []
         words: list[str] = []
         kinds = form.split(',') if form else []
@@ -112,16 +109,13 @@ class Statements:
     # Structure
 
     def read_jump(self, reader: Reader, first: Token) -> Jump:
-        """Parse `GoTo label` or `GoSub label`."""
         label = reader.name('a label').text
         return Jump('goto' if first.lower == 'goto' else 'gosub', label, first.position)
 
     def read_return(self, _reader: Reader, first: Token) -> Return:
-        """Parse `Return`."""
         return Return(first.position)
 
     def read_call(self, reader: Reader, _first: Token) -> Call:
-        """Parse `Call f(…)`."""
         return self.call_arguments(reader, reader.name('the name of a function'))
 
     def call_arguments(self, reader: Reader, name: Token) -> Call:
@@ -136,15 +130,16 @@ class Statements:
         return Call(name.text, tuple(arguments), name.position)
 
     def read_on_err(self, reader: Reader, first: Token) -> OnErr:
-        """Parse `OnErr GoTo label`."""
-        reader.need('goto')
+        if not reader.takes('goto'):
+            label = reader.here.text or 'label'
+            text = f'GoTo is missing (p569): write OnErr GoTo {label}'
+            raise SyntaxProblem(reader.here.position, text)
         if reader.here.text == '0':
             reader.step()
             return OnErr(None, first.position)
         return OnErr(reader.name('a label or 0').text, first.position)
 
     def read_eresume(self, reader: Reader, first: Token) -> EResume:
-        """Parse `EResume`, `EResume Next` or `EResume label`."""
         if reader.at_end():
             return EResume('again', '', first.position)
         if reader.takes('next'):
@@ -152,7 +147,6 @@ class Statements:
         return EResume('label', reader.name('a label').text, first.position)
 
     def read_redim(self, reader: Reader, first: Token) -> Redim:
-        """Parse `Redim [Preserve] a(…)`."""
         preserve = reader.takes('preserve')
         name = reader.name('the name of an array').text
         bounds = [argument.value for argument in reader.arguments()]
@@ -165,6 +159,8 @@ class Statements:
     def read_xqt(self, reader: Reader, first: Token) -> Xqt:
         """Parse `Xqt [n,] f[(…)] [, type]`."""
         number: Expression | None = None
+        if reader.sees('!'):
+            raise SyntaxProblem(reader.here.position, 'the task has no ! (p912): write it without')
         is_name = reader.here.kind == NAME and reader.here.lower in self._functions
         if not is_name:
             missing = reader.here
@@ -184,7 +180,6 @@ class Statements:
         return Xqt(number, name.text, arguments, kind, first.position)
 
     def read_task_command(self, reader: Reader, first: Token) -> TaskCommand:
-        """Parse `Quit`, `Halt`, `Resume`, `TaskWait` or `StartMain`."""
         here = reader.here
         if first.lower == 'quit' and reader.takes('all'):
             return TaskCommand(first.text, None, '', first.position)
@@ -194,7 +189,10 @@ class Statements:
         return TaskCommand(first.text, reader.expression(), '', first.position)
 
     def read_wait(self, reader: Reader, first: Token) -> Wait:
-        """Parse `Wait time` or `Wait condition[, time]`. The compiler distinguishes them."""
+        """Parse `Wait time` or `Wait condition[, time]`.
+
+        The compiler decides which of them it is.
+        """
         condition = reader.expression()
         time = reader.expression() if reader.takes(',') else None
         return Wait(condition, time, first.position)
@@ -231,7 +229,7 @@ class Statements:
     # Terminal and network
 
     def _port(self, reader: Reader) -> Expression | None:
-        """Read `#n` with its comma. Return None if the next token is not #."""
+        """Parse `#n` and the comma after it. Return None if the next token is not #."""
         if not reader.takes('#'):
             return None
         port = reader.expression()
@@ -240,7 +238,6 @@ class Statements:
         return port
 
     def read_print(self, reader: Reader, first: Token) -> Print:
-        """Parse `Print [#n,] a, b[,]`."""
         port = self._port(reader)
         items: list[Expression] = []
         line = True
@@ -252,7 +249,6 @@ class Statements:
         return Print(port, tuple(items), line, first.position)
 
     def read_input(self, reader: Reader, first: Token) -> Input:
-        """Parse `Input [#n,] a, b`."""
         port = self._port(reader)
         targets: list[Target] = [reader.target()]
         while reader.takes(','):
@@ -260,13 +256,15 @@ class Statements:
         return Input(port, False, tuple(targets), first.position)
 
     def read_line_input(self, reader: Reader, first: Token) -> Input:
-        """Parse `Line Input [#n,] s$`."""
         reader.need('input')
         port = self._port(reader)
         return Input(port, True, (reader.target(),), first.position)
 
     def read_transfer(self, reader: Reader, first: Token) -> Transfer:
-        """Parse `Read`, `ReadBin`, `Write` or `WriteBin`: #n, variable or array[, count]."""
+        """Parse `Read`, `ReadBin`, `Write` or `WriteBin`.
+
+        The arguments are #n, and a variable or an array[, count].
+        """
         reader.need('#')
         port = reader.expression()
         reader.need(',')
@@ -296,14 +294,14 @@ class Statements:
             if not reader.sees(*_PROTOCOLS):
                 raise reader.wrong('TCP')
             if not reader.takes('tcp'):
-                raise self._not_simulated(reader, first)
+                text = f'not simulated: {first.text} with {reader.here.text}'
+                raise SyntaxProblem(reader.here.position, text, 'not-simulated')
         if reader.takes(','):
             reader.expression()  # of UDP
         arguments = (port, host, number, timeout)
         return Command(first.text, arguments, first.position, tuple(words))
 
     def read_open_net(self, reader: Reader, first: Token) -> Command:
-        """Parse `OpenNet #n As Server|Client`."""
         reader.need('#')
         port = reader.expression()
         reader.need('as')
@@ -312,7 +310,6 @@ class Statements:
         return Command(first.text, (port,), first.position, (reader.step().lower,))
 
     def read_close_net(self, reader: Reader, first: Token) -> Command:
-        """Parse `CloseNet #n|All`."""
         if reader.takes('all'):
             return Command(first.text, (None,), first.position)
         reader.need('#')
@@ -320,16 +317,10 @@ class Statements:
 
     # The robot
 
-    def _not_simulated(self, reader: Reader, first: Token) -> SyntaxProblem:
-        text = f'not simulated: {first.text} with {reader.here.text}'
-        return SyntaxProblem(reader.here.position, text, 'not-simulated')
-
     def read_store(self, reader: Reader, first: Token) -> Store:
-        """Parse `Till`, `Sense` or `Find` with a condition."""
         return Store(first.text, reader.expression(), first.position)
 
     def read_here(self, reader: Reader, first: Token) -> Assign:
-        """Parse `Here P1`."""
         return Assign(reader.target(), Name(first.text, first.position), first.position)
 
     def read_local(self, reader: Reader, first: Token) -> Command:
@@ -354,7 +345,6 @@ class Statements:
         return Command(first.text, tuple(given), first.position, tuple(words))
 
     def read_open(self, reader: Reader, first: Token) -> Command:
-        """Parse `WOpen name As #n`, or another statement that opens a file."""
         name = reader.expression()
         reader.need('as')
         reader.takes('#')
@@ -372,13 +362,11 @@ class Statements:
         return Command(first.text, given, first.position, words)
 
     def read_abort_motion(self, reader: Reader, first: Token) -> Command:
-        """Parse `AbortMotion n|All`."""
         if reader.takes('all'):
             return Command(first.text, (None,), first.position, ('all',))
         return Command(first.text, (reader.expression(),), first.position)
 
     def read_motion(self, reader: Reader, first: Token) -> Motion:
-        """Parse a statement that moves the arm, with its modifiers in any order."""
         points: list[Expression] = []
         while not points or reader.takes(','):
             if points and (reader.sees(*_MODIFIERS) or self._is_arch(reader.here)):
@@ -387,7 +375,10 @@ class Statements:
         return self._modified(reader, first, points)
 
     def read_pass(self, reader: Reader, first: Token) -> list[Statement]:
-        """Parse `Pass P1, On 2, P(3:6)`. `On`, … divide it into motions (SPEL+ manual p604)."""
+        """Parse `Pass P1, On 2, P(3:6)`.
+
+        Statements such as `On` divide it into several motions (SPEL+ manual p604).
+        """
         points: list[Expression] = []
         read: list[Statement] = []
         while not (points or read) or reader.takes(','):
@@ -451,7 +442,6 @@ class Statements:
         return len(word) == 2 and word[0] == 'c' and word[1].isdigit() and word not in self._points
 
     def parallel(self, reader: Reader) -> tuple[Statement, ...]:
-        """Parse the parallel statements of a motion, up to the second `!`."""
         read: list[Statement] = []
         part: list[Token] = []
         while True:
@@ -466,7 +456,10 @@ class Statements:
                 part.append(token)
 
     def _beside(self, part: list[Token]) -> list[Statement]:
-        """Parse a parallel statement: `D50`, or a statement that does not move the arm."""
+        """Parse a parallel statement.
+
+        It is `D50`, or a statement that does not move the arm.
+        """
         first = part[0]
         digits = first.lower[1:]
         if first.lower[:1] == 'd' and (not digits or digits.isdigit()):
@@ -485,7 +478,6 @@ class Statements:
         raise NotImplementedError
 
     def read_stub(self, reader: Reader, first: Token) -> Stub:
-        """Parse a statement without simulation, of which only the name is known."""
         arguments: list[Argument] = []
         indices: list[Argument] = []
         while not reader.at_end():
@@ -510,7 +502,7 @@ class Statements:
 
 
 def _without_local(argument: Argument) -> Argument:
-    """Return the last limit of `Box` without its local, as in `50 /LOCAL1`."""
+    """Return the last limit of `Box` without the local that can follow it, as in `50 /LOCAL1`."""
     value = argument.value
     local = isinstance(value, Binary) and getattr(value.right, 'name', '').lower()[:5] == 'local'
     return Argument(value.left) if isinstance(value, Binary) and local else argument
@@ -529,7 +521,7 @@ def _is_pair(reader: Reader) -> bool:
 
 
 def _point_range(reader: Reader) -> Iterator[Expression]:
-    """Parse `P(1:5)`, or `P(5:1)`, as a list of points."""
+    """Parse `P(1:5)` or `P(5:1)` as a list of points."""
     at = reader.step().position
     reader.need('(')
     first = reader.expression()

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Index of the names of a project for editors: declarations, scopes and uses.
 
-The index is made from tokens, so that it is complete for programs with errors, for branches that
-an #ifdef switches off, and for the labels in .pts, IOLabels.dat and UserErrors.dat. The facts of
-each line are cached by its text, so that a keystroke costs the scan of one line. Lines and
-columns count from 0.
+The index is made from tokens. It is therefore complete even if a program has errors, and it
+includes branches that an #ifdef switches off. It also includes the labels in .pts files,
+IOLabels.dat and UserErrors.dat. The result for each line is cached by the text of the line, so
+each keystroke only requires the scan of one line. Lines and columns count from 0.
 """
 
 from collections import defaultdict
@@ -34,8 +34,6 @@ _IO_WIDTHS = {1: 'bit', 8: 'byte', 16: 'word'}
 
 
 class Place(NamedTuple):
-    """A name in a file."""
-
     file: str
     line: int
     start: int
@@ -47,7 +45,8 @@ class Symbol:
     """A declared name.
 
     * kind: function, variable, parameter, label, define, point, io or error.
-    * scope: the file and the function where it is visible, in lower case, each '' for all.
+    * scope: the file and the function where the name is visible, in lower case. '' stands for all
+      files or all functions.
     * detail: its declaration, coordinates, bit or message.
     * last: the last line of a function.
     """
@@ -61,14 +60,17 @@ class Symbol:
 
     @property
     def key(self) -> tuple[bool, tuple[str, str], str]:
-        """Key that identifies the name: a label may have the name of a variable."""
+        """Key that identifies the name.
+
+        A label and a variable can have the same name.
+        """
         return self.kind == 'label', self.scope, self.name.lower()
 
 
 class Use(NamedTuple):
     """A name in a program, in lower case, and the function around it.
 
-    * label: whether it is in a GoTo or has the form `name:`.
+    * label: whether the name is in a GoTo or has the form `name:`.
     * called: whether a bracket follows.
     * divides: the left operand of the / or sign before a name that may be a flag (`P1 /R`) or an
       axis (`P1 +X(5)`), else ''.
@@ -85,8 +87,6 @@ class Use(NamedTuple):
 
 @dataclass
 class FileSymbols:
-    """The names in one file."""
-
     symbols: list[Symbol] = field(default_factory=list)
     uses: dict[str, list[Use]] = field(default_factory=lambda: defaultdict(list))
     lines: list[str] = field(default_factory=list)
@@ -98,9 +98,10 @@ _Token = tuple[str, str, int]
 
 @lru_cache(maxsize=200_000)
 def _facts(line: str) -> tuple[tuple[str, str, int, str, bool], ...]:
-    """Return a line's names: kind, name in lower case, column, detail, whether ( follows.
+    """Return the names in a line.
 
-    Kinds: as in `Symbol`, 'use', 'jump' (to a label), 'global', and 'fend'.
+    For each name: kind, name in lower case, column, detail, and whether a bracket follows. The
+    kinds are the kinds of `Symbol`, 'use', 'jump' (to a label), 'global', and 'fend'.
     """
     code = line.lstrip(' \t\ufeff')
     facts: list[tuple[str, str, int, str, bool]] = []
@@ -171,7 +172,10 @@ def _uses(tokens: list[_Token]) -> Iterator[tuple[str, str, int, str, bool]]:
 
 
 def _left(signs: list[str], place: int) -> str:
-    """Return the operand that ends at a place: its name, before brackets, axes and flags."""
+    """Return the operand that ends at the index `place` of a line.
+
+    It is the name before any brackets, axes and flags.
+    """
     depth = 0
     while place > 0:
         depth += (signs[place] == ')') - (signs[place] == '(')
@@ -185,7 +189,6 @@ def _left(signs: list[str], place: int) -> str:
 
 
 def symbols_of(name: str, text: str) -> FileSymbols:
-    """Return the names in a file of a project."""
     lower = name.lower()
     if lower.endswith(POINTS) or lower in (IO_LABELS, ERRORS):
         return _labels(name, text)
@@ -263,14 +266,12 @@ def _blocks(name: str, top: Block) -> Iterator[tuple[str, Block, str]]:
 
 
 class ProjectSymbols:
-    """The names of all files of a project."""
-
     def __init__(self) -> None:
         self.files: dict[str, FileSymbols] = {}
         self._names: dict[str, list[Symbol]] | None = None
 
     def update(self, name: str, text: str | None) -> None:
-        """Set the text of a file. None: the file is gone."""
+        """Set the text of a file. None removes the file."""
         if text is None:
             self.files.pop(name, None)
         else:
@@ -279,7 +280,6 @@ class ProjectSymbols:
 
     @property
     def names(self) -> dict[str, list[Symbol]]:
-        """All symbols by name in lower case."""
         if self._names is None:
             self._names = defaultdict(list)
             for file in self.files.values():
@@ -288,7 +288,7 @@ class ProjectSymbols:
         return self._names
 
     def function_at(self, file: str, line: int) -> str:
-        """Return the function around a line, in lower case, or ''."""
+        """Return the function that contains a line, in lower case, or ''."""
         result = ''
         for symbol in self.files[file].symbols:
             if symbol.kind == 'function' and symbol.place.line <= line <= symbol.last:
@@ -296,7 +296,6 @@ class ProjectSymbols:
         return result
 
     def visible(self, file: str, function: str) -> Iterator[Symbol]:
-        """Yield the symbols that a function can name."""
         scopes = self._scopes(file, function)
         for symbols in self.names.values():
             yield from (symbol for symbol in symbols if symbol.scope in scopes)
@@ -305,7 +304,6 @@ class ProjectSymbols:
         return (file.lower(), function), (file.lower(), ''), ('', '')
 
     def declarations(self, file: str, function: str, name: str, label: bool) -> list[Symbol]:
-        """Return the declarations of a name, which may be in several files, or []."""
         known = self.names.get(name.lower(), ())
         for scope in self._scopes(file, function)[: 1 if label else 3]:
             if match := [
@@ -315,7 +313,10 @@ class ProjectSymbols:
         return []
 
     def _meant(self, file: str, use: Use) -> tuple[list[Symbol], int]:
-        """Return what a name denotes, and 1 for the variable in `Pctr`, short for `P(ctr)`."""
+        """Return the symbols that a name may denote, and the offset of their name in it.
+
+        The offset is 1 for `Pctr`, which is short for `P(ctr)`.
+        """
         found = self.declarations(file, use.function, use.name, use.label)
         shift = 0
         if not found and use.name[:1] == 'p' and not reserved(use.name):
@@ -334,7 +335,6 @@ class ProjectSymbols:
         return found, shift
 
     def at(self, file: str, line: int, column: int) -> tuple[list[Symbol], Place] | None:
-        """Return the declarations of the name at a position, and its place."""
         for name, uses in self.files[file].uses.items():
             for use in uses:
                 if use.line == line and use.start <= column <= use.start + len(name):
@@ -345,7 +345,6 @@ class ProjectSymbols:
         return None
 
     def references(self, symbol: Symbol) -> list[Place]:
-        """Return all places that name a symbol, its declarations included."""
         name = symbol.name.lower()
         places = {}
         for file, content in self.files.items():

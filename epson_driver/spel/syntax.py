@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The syntax of a program: expressions, statements, functions. Plain data."""
+"""The syntax of a program as plain data: expressions, statements, functions."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -14,8 +14,6 @@ from epson_driver.spel.errors import Position
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number as written."""
-
     value: int | float
     at: Position
     text: str = ''
@@ -23,8 +21,6 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A string in quotes."""
-
     value: str
     at: Position
 
@@ -48,7 +44,7 @@ class Argument:
 
 @dataclass(frozen=True, slots=True)
 class Apply:
-    """A name with arguments: an element of an array, or the call of a function."""
+    """A name with arguments: an element of an array, or a call of a function."""
 
     name: str
     arguments: tuple[Argument, ...]
@@ -57,8 +53,6 @@ class Apply:
 
 @dataclass(frozen=True, slots=True)
 class Unary:
-    """- or Not."""
-
     operator: str
     operand: 'Expression'
     at: Position
@@ -66,8 +60,6 @@ class Unary:
 
 @dataclass(frozen=True, slots=True)
 class Binary:
-    """Two operands. The operator is in lower case."""
-
     operator: str
     left: 'Expression'
     right: 'Expression'
@@ -103,8 +95,6 @@ Target = Name | Apply
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """One declared name with its upper bounds."""
-
     name: str
     bounds: tuple[Expression, ...]
     at: Position
@@ -112,8 +102,6 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class Declaration:
-    """`Global Preserve Integer a, b(9)`."""
-
     type: str
     variables: tuple[Variable, ...]
     scope: Literal['local', 'module', 'global', 'preserve']
@@ -122,8 +110,6 @@ class Declaration:
 
 @dataclass(frozen=True, slots=True)
 class Assign:
-    """`a = 1`."""
-
     target: Target
     value: Expression
     at: Position
@@ -131,8 +117,6 @@ class Assign:
 
 @dataclass(frozen=True, slots=True)
 class If:
-    """If: its branches in order, and the statements of Else in `otherwise`."""
-
     branches: tuple[tuple[Expression, 'Block'], ...]
     otherwise: 'Block'
     at: Position
@@ -140,16 +124,12 @@ class If:
 
 @dataclass(frozen=True, slots=True)
 class CaseItem:
-    """`Case 1` or `Case < 1`."""
-
     operator: str
     value: Expression
 
 
 @dataclass(frozen=True, slots=True)
 class Select:
-    """Select … Case … Default … Send."""
-
     subject: Expression
     cases: tuple[tuple[tuple[CaseItem, ...], 'Block'], ...]
     default: 'Block'
@@ -166,8 +146,6 @@ class Test:
 
 @dataclass(frozen=True, slots=True)
 class Do:
-    """Do … Loop."""
-
     before: Test | None
     body: 'Block'
     after: Test | None
@@ -176,8 +154,6 @@ class Do:
 
 @dataclass(frozen=True, slots=True)
 class For:
-    """For … Next."""
-
     variable: Target
     first: Expression
     last: Expression
@@ -188,24 +164,18 @@ class For:
 
 @dataclass(frozen=True, slots=True)
 class Exit:
-    """`Exit Do|For|Function`."""
-
     what: str
     at: Position
 
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """`name:`."""
-
     name: str
     at: Position
 
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """GoTo or GoSub a label."""
-
     kind: Literal['goto', 'gosub']
     label: str
     at: Position
@@ -228,8 +198,6 @@ class OnErr:
 
 @dataclass(frozen=True, slots=True)
 class EResume:
-    """`EResume`, `EResume Next`, `EResume label`."""
-
     kind: Literal['again', 'next', 'label']
     label: str
     at: Position
@@ -237,8 +205,6 @@ class EResume:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A function called as a statement."""
-
     name: str
     arguments: tuple[Argument, ...]
     at: Position
@@ -246,7 +212,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A statement of commands.py: its arguments (None if omitted), and its keywords."""
+    """A statement of commands.py: its arguments (None for an omitted one), and its keywords."""
 
     name: str
     arguments: tuple[Expression | None, ...]
@@ -277,7 +243,10 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """`D50` in parallel statements: the next ones start when 50 % of the motion is complete."""
+    """`D50` in parallel statements.
+
+    The statements after it start when 50 % of the motion is complete.
+    """
 
     percent: Expression
     at: Position
@@ -285,7 +254,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class Stub:
-    """A statement that is not simulated (vision, conveyors, windows), but has given results.
+    """A statement that is not simulated (vision, conveyors, windows), and whose results are given.
 
     `indices` select one of several results: `VGet find.Blob01.RobotXYU(i)`.
     """
@@ -298,8 +267,6 @@ class Stub:
 
 @dataclass(frozen=True, slots=True)
 class Store:
-    """`Till cond`, `Sense cond` or `Find cond`, which stores a condition for later motions."""
-
     name: str
     condition: Expression
     at: Position
@@ -307,7 +274,10 @@ class Store:
 
 @dataclass(frozen=True, slots=True)
 class Print:
-    """Print to the terminal, a port or a file. A comma at the end makes `line` False."""
+    """Print to the terminal, a port or a file.
+
+    `line` is False if the statement ends with a comma, so the printed line is not ended.
+    """
 
     port: Expression | None
     items: tuple[Expression, ...]
@@ -317,8 +287,6 @@ class Print:
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """Input or Line Input from the terminal, a port or a file."""
-
     port: Expression | None
     whole_line: bool
     targets: tuple[Target, ...]
@@ -327,8 +295,6 @@ class Input:
 
 @dataclass(frozen=True, slots=True)
 class Transfer:
-    """Read, ReadBin, Write, WriteBin: a variable, or an array and the number of elements."""
-
     name: str
     port: Expression
     value: Argument
@@ -338,8 +304,6 @@ class Transfer:
 
 @dataclass(frozen=True, slots=True)
 class Xqt:
-    """Xqt: a task with or without a number."""
-
     number: Expression | None
     function: str
     arguments: tuple[Argument, ...]
@@ -349,8 +313,6 @@ class Xqt:
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """`Wait s`, or `Wait condition[, s]`."""
-
     condition: Expression | None
     time: Expression | None
     at: Position
@@ -358,7 +320,10 @@ class Wait:
 
 @dataclass(frozen=True, slots=True)
 class Trap:
-    """`Trap 1, cond GoTo|Call|Xqt name` or `Trap Emergency Xqt f`. `action` '' disarms it."""
+    """`Trap 1, cond GoTo|Call|Xqt name` or `Trap Emergency Xqt f`.
+
+    The `action` '' disarms the Trap.
+    """
 
     event: str
     number: Expression | None
@@ -370,7 +335,10 @@ class Trap:
 
 @dataclass(frozen=True, slots=True)
 class TaskCommand:
-    """Quit, Halt, Resume, TaskWait, StartMain: a number, a function's name, or All."""
+    """Quit, Halt, Resume, TaskWait or StartMain.
+
+    The argument is a task number, a function's name, or All.
+    """
 
     name: str
     task: Expression | None
@@ -380,8 +348,6 @@ class TaskCommand:
 
 @dataclass(frozen=True, slots=True)
 class Redim:
-    """Redim [Preserve] a(…)."""
-
     preserve: bool
     name: str
     bounds: tuple[Expression, ...]
@@ -423,8 +389,6 @@ Block = tuple[Statement, ...]
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter of a function."""
-
     name: str
     type: str
     by_reference: bool
@@ -434,7 +398,7 @@ class Parameter:
 
 @dataclass(frozen=True, eq=False)
 class Function:
-    """Function … Fend. `result` is the type of its value, '' for none."""
+    """Function … Fend. `result` is the type of the function's value, or ''."""
 
     name: str
     parameters: tuple[Parameter, ...]
@@ -445,7 +409,7 @@ class Function:
 
     @cached_property
     def nodes(self) -> tuple[Any, ...]:
-        """All nodes of the body, stored because each rule of the linter reads them."""
+        """All nodes of the body. They are stored, because each rule of the linter reads them."""
         return tuple(walk(self.body))
 
 
@@ -463,8 +427,6 @@ class Declare:
 
 @dataclass(slots=True)
 class File:
-    """A .prg file."""
-
     name: str
     functions: list[Function] = field(default_factory=list)
     declarations: list[Declaration] = field(default_factory=list)
@@ -472,7 +434,6 @@ class File:
 
 
 def inner_blocks(statement: Statement) -> list[Block]:
-    """Return the blocks within a statement."""
     if isinstance(statement, If):
         return [*(body for _, body in statement.branches), statement.otherwise]
     if isinstance(statement, Select):

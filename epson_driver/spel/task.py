@@ -12,14 +12,13 @@ from typing import Any
 
 from epson_driver.spel.code import FunctionCode, Program, Variable
 from epson_driver.spel.commands import COMMANDS, TaskType, forbidden
-from epson_driver.spel.errors import ErrorNumber, ProgramError, SpelError, TaskError, meaning
-from epson_driver.spel.files import ProgramEnvironment
+from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError, meaning
+from epson_driver.spel.files import ProgramEnvironment, Stubs
 from epson_driver.spel.frames import Pallet, in_local, in_world, turned_step
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.host import Caller, Completion, Host, Memory, MotionRequest, NetSettings
 from epson_driver.spel.values import (
     INT,
-    LONGEST_STRING,
     POINT,
     STRING,
     TYPES,
@@ -31,31 +30,29 @@ from epson_driver.spel.values import (
 )
 
 DEEPEST_CALL = 100
-"""Maximum depth of calls in one task."""
 
 LAST_NORMAL, FIRST_BACKGROUND, LAST_BACKGROUND, FIRST_TRAP = 32, 65, 80, 257
-"""Ranges of task numbers. Normal tasks have 1 to LAST_NORMAL, background tasks FIRST_BACKGROUND to
-LAST_BACKGROUND, and trap tasks FIRST_TRAP or more."""
+"""Ranges of task numbers. Normal tasks have the numbers 1 to LAST_NORMAL, background tasks
+FIRST_BACKGROUND to LAST_BACKGROUND, and trap tasks FIRST_TRAP and above.
+"""
 FIRST_HELPER = 1000
-"""Task number of parallel statements (`!…!`), minus the number of the task that moves the arm."""
+"""Number that is added to a task's number to get the number of its parallel statements (`!…!`).
+
+They are executed as a separate task, next to the task that moves the arm.
+"""
 COMMAND_TASK = 0
 """Task number of the command window, which no program can use."""
-
-EVALUATED_AS = 1_000
-"""Number of statements that an Eval counts as for `Timing.endless`, because it compiles text."""
 
 Instruction = Callable[[list[object]], int]
 Test = Callable[[], object]
 Reference = tuple[list[Value], int, str]
-"""A reference to a variable: the list that contains it, its index, its type."""
+"""A reference to a variable: the list that contains it, its index there, and its type."""
 
 GATE = 7
 """Number of the arch without rounded corners (SPEL+ manual p111)."""
 
 
 class TaskState(IntEnum):
-    """Values of TaskState(n)."""
-
     NOT_RUNNING = 0
     RUNNING = 1
     WAITING = 2
@@ -71,7 +68,7 @@ class Timing:
     * statement: duration of a simple statement.
     * granularity: unit to which Wait rounds up.
     * scan: period of condition checks.
-    * turn: maximum time of a task before the next one runs.
+    * turn: maximum time for which a task runs before the next task runs.
     * endless: number of statements without a wait after which error 2556 is raised.
     * extra: additional time of statements, by name in lower case ('print', 'writebin', 'go', …).
     """
@@ -93,7 +90,10 @@ class Timing:
 
 @dataclass(slots=True)
 class Linked:
-    """A function with its executable instructions. `hits` is 1 for instructions that have run."""
+    """A function with its executable instructions.
+
+    `hits` is 1 for each instruction that has been executed.
+    """
 
     code: FunctionCode
     instructions: list[Instruction]
@@ -101,8 +101,6 @@ class Linked:
 
 
 class Frame:
-    """One call of a function: its variables, its position, and its error handling."""
-
     __slots__ = ('error_pc', 'gosubs', 'handler', 'handling', 'into', 'linked', 'pc', 'v')
 
     def __init__(self, task: 'Task', linked: Linked, arguments: Sequence[object], into: int):
@@ -123,9 +121,10 @@ class Frame:
 class Waiting:
     """The condition of a waiting task: a time, a test, or both.
 
-    * until, duration: the end of the time and its length, s, or None without a limit.
-    * scanned: whether the test is evaluated only at the controller's scans, every `Timing.scan`,
-      otherwise after each turn of a task.
+    * until, duration: the time at which the wait ends, and its length, s, or None without a time
+      limit.
+    * scanned: whether the test is evaluated only every `Timing.scan` s, like the controller does,
+      instead of after each turn of a task.
     * after: called at the end of the wait, with True after a timeout.
     """
 
@@ -139,7 +138,7 @@ class Waiting:
 
 @dataclass(slots=True)
 class Port:
-    """A network port: its settings, and the task that opened it (0: not open)."""
+    """A network port: its settings, and the number of the task that opened it (0: not open)."""
 
     settings: NetSettings = field(default_factory=lambda: NetSettings('', 0))
     owner: int = 0
@@ -147,8 +146,6 @@ class Port:
 
 @dataclass(slots=True)
 class OpenFile:
-    """An open file: its name, its content, and its read or write position."""
-
     name: str
     data: bytearray
     at: int
@@ -157,7 +154,10 @@ class OpenFile:
 
 @dataclass(slots=True)
 class Trap:
-    """An armed Trap 1 to 4. `target`: a function, or for GoTo an instruction in `frame`."""
+    """An armed Trap 1 to 4.
+
+    `target` is a function. For GoTo it is an instruction in `frame`.
+    """
 
     task: 'Task'
     test: Test
@@ -167,8 +167,6 @@ class Trap:
 
 
 class SharedState:
-    """The shared state of a program's tasks: variables, time, ports, locks, the host."""
-
     def __init__(
         self,
         program: Program,
@@ -183,13 +181,12 @@ class SharedState:
         self.started = started
         self.time = 0.0
         self.linked: list[Linked] = []
-        self.command: Callable[[str], Linked]  # compiles the text of Eval to a function
         self.g: list[object] = [blank(variable) for variable in program.variables]
         self.tasks: dict[int, Task] = {}
         self.mover: Task | None = None
         self.aborted: dict[int, TaskError] = {}
         self.ports = {number: Port(item) for number, item in around.ports.items()}
-        self.stubs = around.new_stubs()
+        self.stubs = Stubs(around.answers)
         self.files = around.files
         self.open_files: dict[int, OpenFile] = {}
         self.locks: dict[int, int] = {}
@@ -208,18 +205,16 @@ class SharedState:
         self.traps: dict[int, Trap] = {}
         self.event_traps: dict[str, Linked] = {}
         self.later: list[tuple[float, Callable[[], None]]] = []
-        """Actions scheduled for a time, independent of tasks."""
+        """Actions that are scheduled for a time. They do not depend on a task."""
         self.random = random.Random(0)  # noqa: S311 - for Rnd, the same in every run
 
     def function(self, name: str) -> Linked:
-        """Return a function by its name. Raises SpelError if it does not exist."""
         code = self.program.by_name.get(name.lower())
         if code is None:
             raise SpelError(ErrorNumber.NO_SUCH_TASK, f'there is no function {name}')
         return self.linked[code.index]
 
     def free_number(self, background: bool) -> int:
-        """Return the lowest free task number. Raises SpelError if all are in use."""
         first, last = (FIRST_BACKGROUND, LAST_BACKGROUND) if background else (1, LAST_NORMAL)
         for number in range(first, last + 1):
             if number not in self.tasks:
@@ -229,7 +224,6 @@ class SharedState:
     def add(
         self, number: int, linked: Linked, arguments: Sequence[object], kind: TaskType
     ) -> 'Task':
-        """Start a task. Raises SpelError if its number is in use, or the arguments are wrong."""
         if number in self.tasks:
             raise SpelError(ErrorNumber.TASK_NUMBER, f'task {number} is running')
         code = linked.code
@@ -243,18 +237,24 @@ class SharedState:
         return task
 
     def add_helper(self, task: 'Task', start: int, motion: Completion) -> 'Task':
-        """Start the task of parallel statements, with the variables of the moving function."""
+        """Start the task for the parallel statements of a motion.
+
+        It uses the variables of the function that contains them.
+        """
         helper = Task(self, FIRST_HELPER + task.number, task.type)
         moving = task.current
         helper.push(moving.linked, moving.v[1 : 1 + len(moving.linked.code.parameters)], 0)
         helper.current.v[1:] = moving.v[1:]
         helper.current.pc = start
-        helper.motion, helper.outputs = motion, task.outputs
+        helper.motion, helper.output = motion, task.output
         self.tasks[helper.number] = helper
         return helper
 
     def end(self, task: 'Task') -> None:
-        """End a task. Its locks become free. Its ports stay open without an owner."""
+        """End a task.
+
+        Its locks are released. Its ports stay open, but belong to no task.
+        """
         helper = self.tasks.get(FIRST_HELPER + task.number)
         if helper is not None:
             self.end(helper)
@@ -270,7 +270,6 @@ class SharedState:
             del self.locks[number]
 
     def task(self, which: int | str) -> 'Task | None':
-        """Return a running task by its number or its function's name, or None."""
         if isinstance(which, str):
             named = (item for item in self.tasks.values() if item.function.lower() == which)
             return next(named, None)
@@ -283,7 +282,7 @@ class SharedState:
     def placed(self, arguments: Sequence[Any], steps: bool = False) -> tuple[Any, ...]:
         """Convert the points in `arguments` to Local 0. Raises SpelError if a local is undefined.
 
-        `steps`: the points are steps from the current position.
+        `steps`: whether the points are steps from the current position.
         """
         into = turned_step if steps else in_world
         return tuple(
@@ -292,7 +291,6 @@ class SharedState:
         )
 
     def error_text(self, number: int) -> str:
-        """Return the meaning of an error number."""
         return self.program.data.texts.get(number) or meaning(number)
 
 
@@ -302,7 +300,6 @@ def printed(output: list[str]) -> str:
 
 
 def blank(variable: Variable) -> object:
-    """Return the initial value of a variable."""
     if variable.bounds:
         return Array(variable.type, variable.bounds)
     return TYPES[variable.type].blank
@@ -328,17 +325,18 @@ class Task:
         self.since_wait = 0
         self.motion: Completion | None = None
         """The motion that owns this parallel (`!…!`) task."""
-        self.outputs: list[list[str]] = []
-        """Output of nested commands, collected instead of displayed."""
+        self.output: list[str] | None = None
+        """Output of a command, which is collected here instead of being displayed."""
 
     # Calls
 
     def push(self, linked: Linked, arguments: Sequence[object], into: int) -> None:
-        """Enter a function. `into`: slot for its value. Raises SpelError beyond DEEPEST_CALL."""
+        """Enter a function. `into`: slot for its return value.
+
+        Raises SpelError if more than DEEPEST_CALL calls are nested.
+        """
         if len(self.frames) >= DEEPEST_CALL:
-            raise SpelError(
-                ErrorNumber.CALL_DEPTH, f'more than {DEEPEST_CALL} calls in each other'
-            )
+            raise SpelError(ErrorNumber.CALL_DEPTH, f'more than {DEEPEST_CALL} nested calls')
         if not self.frames:
             self.function = linked.code.name
         self.frame = Frame(self, linked, arguments, into)
@@ -347,7 +345,7 @@ class Task:
     call = push
 
     def leave(self) -> None:
-        """Leave a function and pass its value to the caller. If it has no caller, end the task."""
+        """Leave a function and pass its value to the caller. Without a caller, end the task."""
         left = self.frames.pop()
         if not self.frames:
             self.world.end(self)
@@ -358,49 +356,23 @@ class Task:
 
     @property
     def current(self) -> Frame:
-        """Return the current call."""
         assert self.frame is not None  # noqa: S101 - a task that runs has one
         return self.frame
 
     def gosub(self, back: int) -> None:
-        """Store the return position of a GoSub. Raises SpelError if GoSubs nest too deeply."""
         if len(self.current.gosubs) >= DEEPEST_CALL:
-            raise SpelError(ErrorNumber.CALL_DEPTH, 'GoSub within GoSub without end')
+            raise SpelError(ErrorNumber.CALL_DEPTH, f'more than {DEEPEST_CALL} nested GoSub')
         self.current.gosubs.append(back)
 
     def gosub_return(self) -> int:
-        """Return the position after the last GoSub. Raises SpelError without a GoSub."""
         if not self.current.gosubs:
             raise SpelError(ErrorNumber.RETURN_WITHOUT_GOSUB)
         return self.current.gosubs.pop()
 
-    def evaluate(self, text: str, slot: int) -> None:
-        """Execute the string of `Eval`, and store its error number in `v[slot]`.
-
-        It takes a scheduler turn, and counts as EVALUATED_AS statements. Raises SpelError if calls
-        are nested too deeply.
-        """
-        self.world.time += self.world.timing.turn
-        self.since_wait += EVALUATED_AS
-        try:
-            self.push(self.world.command(text), (), slot)
-        except ProgramError:
-            self.current.v[slot] = int(ErrorNumber.ARGUMENT)
-        self.outputs.append([])
-
-    def reply(self, error: int, into: Reference | None) -> None:
-        """Store the output of `Eval`, or the text of its `error`, in the variable `into`."""
-        text = printed(self.outputs.pop())
-        if into is not None:
-            container, index, type_name = into
-            container[index] = store(
-                f'!Error: {error}' if error else text[:LONGEST_STRING], type_name
-            )
-
     # Errors
 
     def on_error(self, handler: int) -> None:
-        """Set the error handler to an instruction, or to none (-1)."""
+        """Set the error handler to the instruction `handler`. -1 removes the handler."""
         self.current.handler = handler
 
     def resumed(self) -> None:
@@ -410,7 +382,10 @@ class Task:
         self.current.handling = False
 
     def resume(self, following: bool) -> int:
-        """Return where EResume continues: at the failed statement, or the next if `following`."""
+        """Return the instruction at which EResume continues.
+
+        It is in the failed statement, or if `following`, in the statement after it.
+        """
         self.resumed()
         frame = self.current
         starts = frame.linked.code.starts
@@ -422,7 +397,10 @@ class Task:
         return pc
 
     def fail(self, error: SpelError) -> None:
-        """Pass an error to the handler of the function or of a caller, or end the task."""
+        """Pass an error to the error handler of the function or of one of its callers.
+
+        Without an error handler, end the task.
+        """
         if self.frame is None:  # the failed statement has ended the task
             return
         frame = self.frame
@@ -431,7 +409,7 @@ class Task:
         name = frame.linked.code.name
         failure = TaskError(error.number, error.text, place, name, self.number)
         self.error = failure
-        if self.motion is not None:  # the task that moves the arm gets it
+        if self.motion is not None:  # the task that moves the arm gets the error
             self.world.end(self)
             return
         while self.frames:
@@ -480,7 +458,10 @@ class Task:
         then: Callable[[bool], None] | None = None,
         scanned: bool = False,
     ) -> None:
-        """Wait like `wait`, set TW to whether it timed out, then pass this value to `then`."""
+        """Wait like `wait`, and set TW to whether the wait timed out.
+
+        Then call `then` with this value.
+        """
         self.timed_out = False
 
         def after(timed_out: bool) -> None:
@@ -491,7 +472,10 @@ class Task:
         self.wait(seconds, test, after, scanned)
 
     def discontinue(self) -> None:
-        """End the wait and motion of a statement that a Trap interrupts (SPEL+ manual p852)."""
+        """End the current wait and the current motion.
+
+        A Trap has interrupted their statement (SPEL+ manual p852).
+        """
         helper = self.world.tasks.get(FIRST_HELPER + self.number)
         if helper is not None:
             self.world.end(helper)
@@ -503,14 +487,14 @@ class Task:
                 self.world.host.command('abortmotion', (), ())
 
     def go_to(self, frame: Frame, target: int) -> None:
-        """End the current statement, and continue at an instruction of one of the task's calls."""
+        """End the current statement. Continue at the instruction `target` of the call `frame`."""
         self.discontinue()
         while self.frames[-1] is not frame:
             self.frames.pop()
         self.frame, frame.pc = frame, target
 
     def wake(self, timed_out: bool) -> None:
-        """Continue after the statement that waits, or handle the error that its `after` raises."""
+        """Continue after the waiting statement, or handle the error that its `after` raises."""
         waiting, self.waiting = self.waiting, None
         frame = self.current
         try:
@@ -522,7 +506,6 @@ class Task:
             frame.pc = frame.linked.code.following[frame.pc]
 
     def wait_for(self, completion: Completion | None) -> None:
-        """Wait until an operation of the host is complete."""
         if completion is None:
             return
         started = completion
@@ -537,13 +520,11 @@ class Task:
 
     @property
     def caller(self) -> Caller:
-        """Return the task and its position."""
         frame = self.current
         place = frame.linked.code.lines[frame.pc]
         return Caller(self.number, self.function, place.file, place.line)
 
     def may(self, name: str, words: tuple[str, ...] = ()) -> None:
-        """Raise SpelError if this type of task cannot execute a statement."""
         rule = COMMANDS[name]
         if forbidden(rule, words, self.type):
             kind = self.type.name.lower().replace('_', ' ')
@@ -555,15 +536,17 @@ class Task:
         self.world.time += self.world.timing.extra.get(name, 0.0)
 
     def value(self, name: str, arguments: tuple[int | float | Point, ...]) -> object:
-        """Return the host's value of `name`. It gets points in Local 0, except for CX to CW."""
-        self.since_wait = 0  # it reads inputs
+        """Return the host's value of the function `name`.
+
+        Points are passed in Local 0, except to CX to CW.
+        """
+        self.since_wait = 0  # a loop that reads inputs is not endless
         if name[0] != 'c':
             arguments = self.world.placed(arguments)
         result = self.world.host.value(name, arguments)
         return int(result) if FUNCTIONS[name].result == 'i' else result  # type: ignore[arg-type]
 
     def labelled(self, label: str) -> int:
-        """Return the number of a point by its label. Raises SpelError 7007 if it is unknown."""
         number = self.world.point_labels.get(label.lower())
         if number is None:
             raise SpelError(ErrorNumber.POINT_UNDEFINED, f'there is no point {label}')
@@ -582,7 +565,6 @@ class Task:
     def command(
         self, name: str, arguments: tuple[Value | Point | None, ...], words: tuple[str, ...]
     ) -> None:
-        """Execute a robot statement on the host."""
         self.may(name, words)
         if arguments and (choices := COMMANDS[name].choices):
             words = (choices[not arguments[0]].lower(), *words)
@@ -598,7 +580,7 @@ class Task:
         self.wait_for(completion)
 
     def stored(self, name: str) -> Callable[[], bool]:
-        """Return the condition that Till, Find or Sense stored, or Sw(0) (SPEL+ manual p829)."""
+        """Return the condition stored by Till, Find or Sense, or Sw(0) (SPEL+ manual p829)."""
         test = self.world.conditions.get(name)
         if test is None:
             host = self.world.host
@@ -616,8 +598,8 @@ class Task:
     ) -> None:
         """Start a motion and wait for its end.
 
-        `beside`: first instruction of its parallel statements. `modifiers`: cp, till, find and
-        sense of MotionRequest.
+        `beside`: first instruction of the motion's parallel statements, if any. `modifiers`: the
+        fields cp, till, find and sense of MotionRequest.
         """
         self.may(name)
         for word in {'ecp', 'sync'}.intersection(words):
@@ -645,7 +627,10 @@ class Task:
         self.wait(None, lambda: completion.done and helper.frame is None, after)
 
     def wait_fraction(self, percent: float) -> None:
-        """Wait until the motion of these parallel statements has completed `percent` of it."""
+        """Wait until a motion is completed by `percent`.
+
+        This task executes the parallel statements of the motion.
+        """
         motion = self.motion
         assert motion is not None  # noqa: S101 - the compiler puts it into !…! only
         fraction = min(max(percent / 100.0, 0.0), 1.0)
@@ -654,7 +639,6 @@ class Task:
     # Statements and functions that are not simulated
 
     def stub(self, name: str, arguments: tuple[Any, ...]) -> None:
-        """Store the stub answer of a statement in its variables. Raises SpelError without one."""
         self.since_wait = 0
         references = [argument for argument in arguments if isinstance(argument, tuple)]
         answer = self.world.stubs.answer(name, self._shown(arguments))
@@ -665,7 +649,6 @@ class Task:
             container[index] = store(value, type_name)
 
     def ask(self, name: str, arguments: tuple[Any, ...], kind: str) -> Value | Point:
-        """Return the stub answer of a function. Raises SpelError if it has no answer."""
         answer = self.world.stubs.answer(name, self._shown(arguments))
         if kind == POINT:
             values = answer if isinstance(answer, list) else []
@@ -684,7 +667,7 @@ class Task:
         ]
 
     def library(self, number: int, arguments: tuple[object, ...]) -> Value:
-        """Call a function of a DLL, which may write to arrays and ByRef variables."""
+        """Call a function of a DLL. It may write to arrays and to ByRef variables."""
         declared = self.world.program.libraries[number]
         passed: list[Value | Array] = []
         references: list[tuple[Array, list[Value], int]] = []
@@ -721,12 +704,10 @@ class Task:
 
     @property
     def suspended(self) -> bool:
-        """Return whether the task is halted, paused or interrupted by a Trap."""
         return self.halted or self.paused or self.interrupted_by is not None
 
     @property
     def state(self) -> TaskState:
-        """Return the value of TaskState."""
         if self.halted or self.paused:
             return TaskState.HALTED
         return TaskState.RUNNING if self.waiting is None else TaskState.WAITING

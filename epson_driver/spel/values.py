@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Values while a program runs: types with their ranges, arrays, points, conversions."""
+"""Values of a running program: types with their ranges, arrays, points, conversions."""
 
 import math
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -22,7 +22,7 @@ LONGEST_STRING = 255
 
 
 class Type(NamedTuple):
-    """A declared type: kind of its values, range if they are whole, and initial value."""
+    """A declared type: kind of its values, range of whole values, and initial value."""
 
     kind: str
     least: int = 0
@@ -51,7 +51,6 @@ TYPES: dict[str, Type] = {
     'double': Type(DOUBLE, blank=0.0),
     'string': Type(STRING, blank=''),
 }
-"""Name of the type in lower case → type."""
 
 _WORDS = {'ubyte': 'UByte', 'ushort': 'UShort', 'uint32': 'UInt32', 'uint64': 'UInt64'}
 
@@ -59,12 +58,11 @@ Value = int | float | str
 
 
 def type_word(name: str) -> str:
-    """Return the spelling of a type."""
     return _WORDS.get(name, name.capitalize())
 
 
 class Array:
-    """An array: its elements `d` row by row, the upper bound of each dimension, its type."""
+    """An array: its elements `d` row by row, the upper bound of each dimension, and its type."""
 
     __slots__ = ('bounds', 'd', 'type')
 
@@ -74,7 +72,6 @@ class Array:
         self.d: list[Value] = [TYPES[type_name].blank] * size(bounds)
 
     def at(self, *indices: int) -> int:
-        """Return the position of an element in `d`. Raises SpelError for an index out of range."""
         place = 0
         for index, bound in zip(indices, self.bounds, strict=True):
             if not 0 <= index <= bound:
@@ -83,7 +80,10 @@ class Array:
         return place
 
     def resize(self, bounds: tuple[int, ...], keep: bool) -> None:
-        """Change the bounds. With `keep`, elements within both the old and new bounds remain."""
+        """Change the bounds.
+
+        With `keep`, elements that are within both the old and the new bounds keep their values.
+        """
         old = Array.__new__(Array)
         old.bounds, old.d = self.bounds, self.d
         self.bounds = bounds
@@ -95,7 +95,7 @@ class Array:
                     self.d[self.at(*indices)] = old.d[place]
 
     def indices(self, place: int) -> list[int]:
-        """Return the index in each dimension of the element at position `place` of `d`."""
+        """Return the index in each dimension of the element `d[place]`."""
         result = []
         for bound in reversed(self.bounds):
             place, index = divmod(place, bound + 1)
@@ -104,13 +104,13 @@ class Array:
 
 
 def size(bounds: Sequence[int]) -> int:
-    """Return the number of elements for these upper bounds."""
+    """Return the number of elements of an array with these upper bounds."""
     return math.prod(bound + 1 for bound in bounds)
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A point of the robot: six numbers of a kind, and flags of its posture and local.
+    """A point of the robot: six numbers, their kind, and flags for posture and local.
 
     * 'xy': x, y, z in mm and u, v, w in degrees.
     * 'angles': joint positions in degrees (or mm).
@@ -122,7 +122,7 @@ class Point:
     flags: tuple[str, ...] = ()
 
     def flagged(self, flag: str) -> 'Point':
-        """Return the point with a posture flag or a local, which replaces the old one."""
+        """Return the point with a new flag, which replaces the flag for the same property."""
         others = (item for item in self.flags if subject(item) != subject(flag))
         return replace(self, flags=(*others, flag))
 
@@ -131,7 +131,10 @@ class Point:
 
     @property
     def printed(self) -> str:
-        """The point as Print displays it: 12 characters per coordinate (SPEL+ manual p166)."""
+        """The point as Print displays it (SPEL+ manual p166).
+
+        Each coordinate has 12 characters.
+        """
         shown = (
             f' {axis}:{value:9.3f}' for axis, value in zip('XYZUVW', self.values, strict=True)
         )
@@ -150,49 +153,36 @@ def single(value: float) -> float:
 
 
 def finite(value: float) -> float:
-    """Return a Double. Raises SpelError if the value is not finite."""
     if value - value != 0.0:
         raise overflow('Double', value)
     return float(value)
 
 
 def overflow(type_name: str, value: object) -> SpelError:
-    """Return the error for a value that does not fit a type."""
     return SpelError(ErrorNumber.OVERFLOW, f'{shown(value)} does not fit {type_word(type_name)}')
 
 
 def too_long(text: str) -> SpelError:
-    """Return the error for a string that is too long."""
     return SpelError(ErrorNumber.STRING_LENGTH, f'a string of {len(text)} characters')
 
 
 def shown(value: object) -> str:
-    """Return the text of a value for a message."""
     if isinstance(value, int):
         return str(value) if abs(value) < 10**30 else 'a number of more than 30 digits'
     return f'{value:g}' if isinstance(value, float) else repr(value)[:40]
 
 
 def nearest(value: float) -> int:
-    """Return the nearest whole number, halves away from zero. Raises SpelError if not finite."""
+    """Return the nearest whole number, with halves rounded away from zero.
+
+    Raises SpelError if the value is not finite.
+    """
     if value - value != 0.0:
         raise overflow('Long', value)
     return math.floor(value + 0.5) if value >= 0 else math.ceil(value - 0.5)
 
 
-def towards_zero(value: float) -> int:
-    """Return a value without its fractional part. Raises SpelError if it is not finite."""
-    if value - value != 0.0:
-        raise overflow('Long', value)
-    return math.trunc(value)
-
-
-ROUNDINGS: dict[str, Callable[[float], int]] = {'nearest': nearest, 'truncate': towards_zero}
-"""Conversions of a Real to an Integer on assignment. The manual does not specify which applies."""
-
-
-def store(value: Value, type_name: str, rounding: Callable[[float], int] = nearest) -> Value:
-    """Return a value converted to the type of a variable. Raises SpelError if it does not fit."""
+def store(value: Value, type_name: str) -> Value:
     kind = TYPES[type_name]
     if kind.kind == STRING:
         text = str(value)
@@ -204,7 +194,7 @@ def store(value: Value, type_name: str, rounding: Callable[[float], int] = neare
     if type_name == 'boolean':
         return -1 if value else 0
     if kind.kind == INT:
-        whole = value if isinstance(value, int) else rounding(value)
+        whole = value if isinstance(value, int) else nearest(value)
         if not kind.least <= whole <= kind.most:
             raise overflow(type_name, whole)
         return whole

@@ -16,19 +16,25 @@ FIRST = (6, 0, 0)
 class Word:
     """One word: its uses, and where it is allowed.
 
-    * uses: of 'window' (the command window and $Execute), 'statement', 'function', 'keyword'.
+    * uses: where it can be used: 'window' (the command window and $Execute), 'statement',
+      'function', 'keyword'.
     * background: whether it is allowed in NoEmgAbort and background tasks.
-    * since: the first version that has it.
+    * since: the first version of SPEL+ that has the word.
+    * page: its page in the SPEL+ manual, if it has one.
     """
 
     name: str
     uses: frozenset[str]
     background: bool
     since: tuple[int, ...]
+    page: int | None
 
     @property
     def window(self) -> bool:
-        """Whether the command window accepts it (functions only within a statement)."""
+        """Whether the command window accepts the word.
+
+        It accepts a function only inside of a statement.
+        """
         return 'window' in self.uses or self.uses == {'function'}
 
 
@@ -42,12 +48,15 @@ def _words() -> Iterator[Word]:
         for version, names in _TABLE['since'].items()
         for name in names.split()
     }
+    parts = _TABLE['page'].split()
+    pages = dict(zip(parts[::2], map(int, parts[1::2]), strict=True))
     elsewhere = frozenset(_TABLE['not in background'].split())
     for key, names in _TABLE.items():
         uses = frozenset(key.split())
         if uses <= frozenset(_USES):
             for name in names.split():
-                yield Word(name, uses, name not in elsewhere, since.get(name, FIRST))
+                version = since.get(name, FIRST)
+                yield Word(name, uses, name not in elsewhere, version, pages.get(name))
 
 
 def _constants() -> Iterator[tuple[str, int | str]]:
@@ -73,12 +82,17 @@ EVERY_VERSION = (99, 0, 0)
 
 
 def reserved(name: str, version: tuple[int, ...] = EVERY_VERSION) -> bool:
-    """Return whether a name is a word or a constant of SPEL+ in a version."""
     word = WORDS.get(name.lower())
     return name.lower() in CONSTANTS or (word is not None and word.since <= version)
 
 
+def not_simulated(name: str) -> str:
+    """Return the text for a word that is not simulated, with its manual page."""
+    word = WORDS.get(name.lower())
+    page = f' (SPEL+ manual p{word.page})' if word is not None and word.page else ''
+    return f'{name} is not simulated{page}'
+
+
 def is_a(use: str, name: str) -> bool:
-    """Return whether a name is a 'statement', 'function' or 'keyword' of SPEL+."""
     word = WORDS.get(name.lower())
     return word is not None and use in word.uses

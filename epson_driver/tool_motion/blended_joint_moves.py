@@ -4,8 +4,8 @@
 
 In a blend, the tool stays within the blend radius of the corner. The blend cuts the corner
 symmetrically: at full speed, the joints need equal times before and after the corner. A blend has
-two continuous derivatives. In it the joints stay between the positions of the moves, and so within
-their ranges.
+two continuous derivatives. The joints stay between the positions of the two moves, and therefore
+within their ranges.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,8 +27,7 @@ SAMPLES = 100
 """Number of samples of each move and of each blend."""
 
 STEP_RAD = 0.01
-"""Joint step between the samples at which the tool's distance from a corner is computed, rad or
-m."""
+"""Joint step between samples of the tool's distance from a corner, rad or m."""
 
 MIN_SAMPLES, MAX_SAMPLES = 50, 2000
 
@@ -38,24 +37,21 @@ SHRINK = 0.8
 MAX_SHRINKS = 60
 
 ACCURACY_FRACTION = 0.1
-"""Maximum distance of the tool from the path between two sent points, as a fraction of the
-smallest radius."""
+"""Maximum distance of the tool from the path between points, relative to the smallest radius."""
 
 SHORTEST_MOVE_S = 1e-6
-"""Minimum duration of a move at full speed, s."""
+"""Minimum duration of a move at full speed."""
 
 RESERVE_FRACTION = 0.01
-"""Fraction of the limits that is reserved in a blend, whose derivatives are only sampled."""
+"""Reserved fraction of the limits in a blend, whose derivatives are only sampled."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
     """A move without its blends, or a blend.
 
-    * size: duration at full speed, s.
-    * coefficients: polynomials from the fraction of the part, [0, 1], to the joint positions, rad
-      (m), shape (6, n).
-    * blend: whether the part is a blend.
+    size: duration at full speed, s. coefficients: coefficients of polynomials from the fraction of
+    the part, [0, 1], to the joint positions, shape (6, n).
     """
 
     size: float
@@ -64,7 +60,6 @@ class _Part:
     blend: bool
 
     def derivative(self, fractions: Array, order: int = 0) -> Array:
-        """Return the joint positions, or a derivative by the fraction, at fractions, (m, n)."""
         return polynomial(self.coefficients, fractions, order)
 
 
@@ -78,10 +73,9 @@ def blended_joints(
 ) -> TimedRun:
     """Return the fastest motion from rest to rest, straight in joint space except in blends.
 
-    * start, targets: joint positions at the start, and at the end of each move, shapes (n,).
-    * radii: blend radius of the tool at the end of each move except the last, m.
-    * limits: joint limits of each move. A blend respects the limits of both adjacent moves.
-    * checkpoint: called at every step of planning. It may raise to cancel.
+    radii: blend radius of the tool at the end of each move except the last, m. limits: joint
+    limits of each move. A blend respects the limits of both moves. checkpoint: called at every
+    step of planning. It may raise to cancel.
 
     Raises BlendError if a blend does not fit or a move has no length, or PathError if no motion is
     possible.
@@ -119,7 +113,10 @@ def _parts(
     limits: Sequence[JointLimits],
     checkpoint: Checkpoint,
 ) -> list[_Part]:
-    """Return the moves, and a blend between each two. Raises BlendError if one does not fit."""
+    """Return the moves, and a blend between successive moves.
+
+    Raises BlendError if a blend does not fit.
+    """
     steps = [last - first for first, last in pairwise(corners)]
     sizes = [
         float(np.max(np.abs(step) / maximum.velocity))
@@ -158,7 +155,6 @@ def _parts(
 
 
 def _tool_positions(kinematics: Kinematics, joints: Array, checkpoint: Checkpoint) -> Array:
-    """Return the tool positions, shape (m, 3), m, for joint positions, shape (m, n)."""
     positions = np.empty((len(joints), 3))
     for index, item in enumerate(joints):
         checkpoint()
@@ -169,10 +165,9 @@ def _tool_positions(kinematics: Kinematics, joints: Array, checkpoint: Checkpoin
 def _fraction_within(
     positions: Callable[[Array], Array], corner: Array, step: Array, radius: float, index: int
 ) -> float:
-    """Return the first fraction of a move from a corner at which the tool is `radius` m away.
+    """Return the first fraction of a move at which the tool is `radius` m from the start corner.
 
-    step: joint displacement of the move, shape (n,). index: index of the move. Raises BlendError
-    with this index if the tool is never that far away.
+    step: joint displacement of the move. Raises BlendError with `index` if the tool stays nearer.
     """
     count = int(np.clip(np.max(np.abs(step)) / STEP_RAD, MIN_SAMPLES, MAX_SAMPLES))
     (origin,) = positions(corner[None, :])
@@ -207,11 +202,8 @@ def _blend(
 ) -> tuple[float, Array]:
     """Return a blend's extent to each side of a corner, s at full speed, and its coefficients.
 
-    * positions: function from joint positions to tool positions.
-    * rates: joint velocities at full speed before and after the corner.
-    * extent: maximum extent, s. It is reduced until the tool stays within `radius`, m, of the
-      corner.
-    * index: index of the move before the corner, for the BlendError if no extent is small enough.
+    rates: joint velocities at full speed before and after the corner. extent: maximum extent, s.
+    It is reduced until the tool stays within `radius`, m. index: of the move, for BlendError.
     """
     (origin,) = positions(corner[None, :])
     fractions = np.linspace(0.0, 1.0, SAMPLES + 1)
@@ -240,7 +232,7 @@ def _stricter(first: JointLimits, second: JointLimits) -> JointLimits:
 
 
 def _part_limits(part: _Part) -> PartLimits:
-    """Return limits of the motion along a part with which all joints respect their limits."""
+    """Return limits for the motion along a part. With them, the joints respect their limits."""
     fractions = np.linspace(0.0, 1.0, SAMPLES + 1 if part.blend else 2)
     first, second, third = (
         np.max(np.abs(part.derivative(fractions, order)), axis=0) / part.size**order

@@ -22,7 +22,7 @@ HALVINGS = 50
 
 @dataclass(frozen=True, slots=True)
 class CurveSpeed:
-    """Limits of the motion along a curve, in fractions of the curve per s, s², s³, all above 0."""
+    """Limits of the motion along a curve, in fractions of the curve per s, s² and s³, all > 0."""
 
     velocity: float
     acceleration: float
@@ -30,9 +30,10 @@ class CurveSpeed:
 
 
 class Curve:
-    """A cubic spline through k ≥ 5 joint positions at evenly spaced fractions, (k, n), rad.
+    """A cubic spline through k ≥ 5 joint positions, shape (k, n), rad.
 
-    The second derivative is continuous. Raises ValueError if the samples are invalid.
+    Its parameter is the fraction of the curve, [0, 1]. It increases by the same amount from each
+    joint position to the next. Raises ValueError if the samples are invalid.
     """
 
     def __init__(self, samples: Array) -> None:
@@ -90,11 +91,7 @@ class Curve:
 
 
 class CurveMotion:
-    """A motion along a curve, as a function of the time since its start.
-
-    `origin` and `end` are the start of the curve and the final position, shapes (n,), rad.
-    `duration` is in s. `go_along` and `stop` create such motions.
-    """
+    """A motion along a curve from `origin` to `end` in `duration` s, or a stop on it."""
 
     def __init__(self, curve: Curve, timing: LineMotion) -> None:
         self._curve = curve
@@ -113,17 +110,14 @@ class CurveMotion:
 
     @property
     def braking(self) -> float:
-        """Time at which the deceleration of a motion from rest to rest starts, s."""
         return self._timing.braking
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
-        """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
         (fraction,), (rate,), (change,) = self._timing.at(time)
         position, slope, bend = self._curve.at(fraction)
         return position, slope * rate, bend * rate**2 + slope * change
 
     def stop(self, time: float) -> 'CurveMotion':
-        """Return the fastest stop along the curve from this motion's state at `time`."""
         return CurveMotion(self._curve, self._timing.stop(time))
 
 

@@ -21,14 +21,12 @@ MIN_STEPS = 50
 """Minimum number of samples of each line, arc and blend."""
 
 MAX_STEPS = 5000
-"""Maximum number of samples of a path."""
 
 MAX_JOINT_STEP = 0.15
-"""Maximum step of a joint between two samples, rad or m. If it is exceeded, samples are added."""
+"""Maximum step of a joint between two samples, rad or m. Otherwise samples are added."""
 
 MAX_SUBDIVISION = 64
-"""Maximum factor by which the spacing of samples is reduced. If a joint's step is still too large,
-the path is refused."""
+"""Maximum reduction of the spacing. If a step is still too large, the path is refused."""
 
 
 class PathError(ValueError):
@@ -37,13 +35,13 @@ class PathError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class ShownFrame:
-    """The frame of positions in error texts: its name, and base_link's pose in it, (4, 4), m."""
+    """The frame that error texts use: its name, and the pose of base_link in it, (4, 4), m."""
 
     name: str = 'base_link'
     base_link: Array = field(default_factory=lambda: np.eye(4))
 
     def text(self, position: Array) -> str:
-        """Return a position in base_link, shape (3,), m, as text in this frame, in mm."""
+        """Return a position in base_link, shape (3,), m, as a text in this frame, in mm."""
         seen = self.base_link[:3, :3] @ position + self.base_link[:3, 3]
         numbers = ', '.join(f'{value * 1e3:.1f}' for value in seen)
         return f'({numbers}) mm in {self.name}'
@@ -52,20 +50,18 @@ class ShownFrame:
 BASE_LINK = ShownFrame()
 
 Checkpoint = Callable[[], None]
-"""Called at every step of planning, in any thread. It may raise to cancel."""
+"""Function called at every step of planning, in any thread. It may raise to cancel."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointPath:
     """The joint positions along a run, which is a path from rest to rest.
 
-    * name: name of the run in error texts.
-    * distances: distance of each of k samples from the start, shape (k,), m or another unit.
-    * joints: joint positions at the samples, shape (k, n), rad (m).
-    * positions: tool positions at the samples, shape (k, 3), m.
-    * joints_at: function from other distances, shape (m,), to joint positions, shape (m, n).
-    * checkpoint: function that is called at each sample. It may raise to cancel.
-    * frame: frame of positions in error texts.
+    * name, frame: for error texts.
+    * distances: distances of k samples from the start, m or another unit.
+    * joints, positions: joint and tool positions at the samples.
+    * joints_at: function from other distances to joint positions.
+    * checkpoint: called at each sample. It may raise to cancel.
     """
 
     name: str
@@ -78,7 +74,6 @@ class JointPath:
     frame: ShownFrame = BASE_LINK
 
     def where(self, index: int) -> str:
-        """Return text that describes the position of a sample on the path."""
         fraction = float(self.distances[index] / self.distances[-1])
         return _where(fraction, self.name, self.frame.text(self.positions[index]))
 
@@ -93,9 +88,9 @@ def joint_path(
 ) -> JointPath:
     """Return the joint positions along a run from the joint positions `start`, shape (n,).
 
-    Raises PathError if a pose has no solution near the previous one: the pose is out of reach or
-    beyond a joint limit, or a singularity is in between. Raises KinematicsError if the arm has no
-    closed-form inverse kinematics.
+    Raises PathError if a pose has no solution near the previous solution: the pose is out of reach
+    or beyond a joint limit, or the path passes a singularity. Raises KinematicsError if the arm
+    has no closed-form inverse kinematics.
     """
     counts = [
         max(ceil(part.length / STEP_M), ceil(part.angle / STEP_RAD), MIN_STEPS)
@@ -165,7 +160,6 @@ def _where(fraction: float, name: str, position: str) -> str:
 
 
 def _unreachable_reason(kinematics: Kinematics, previous: Array, where: str) -> str:
-    """Return why a pose has no solution. The text may name a joint near its limit."""
     limits = kinematics.model.limits
     margin = np.minimum(previous - limits.position_min, limits.position_max - previous)
     joint = int(np.argmin(margin))

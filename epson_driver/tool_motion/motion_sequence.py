@@ -23,11 +23,11 @@ from epson_driver.tool_motion.pose_path import BlendError, PosePath, arc, line, 
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, timed_run
 
 MOVE_TIME_TOLERANCE = 1e-6
-"""Accepted excess of a motion's minimum duration over its move_time, relative to the move_time."""
+"""Accepted excess of a motion's minimum duration over its move_time, relative to the latter."""
 
 MOVE_FRACTIONS = (0.8, 0.5, 0.3)
-"""Fractions of the move_time for which a tool motion is planned, in this order. The first motion
-that takes no longer than the move_time is slowed down to it."""
+"""Fractions of the move_time for which a tool motion is planned, in this order. The first planned
+motion that is no longer than the move_time is slowed down to the move_time."""
 
 
 class Kind(IntEnum):
@@ -54,17 +54,16 @@ class Primitive:
     velocity: float | None = None
     """Maximum velocity of each joint, rad/s (m/s), or of the tool, m/s. None: default limit."""
     acceleration: float | None = None
-    """Maximum acceleration of each joint, rad/s² (m/s²), or of the tool, m/s². None: the default
-    limit."""
+    """Maximum acceleration of each joint, rad/s² (m/s²), or of the tool, m/s². None: default."""
     move_time: float = 0.0
-    """Duration, s, used instead of velocity and acceleration. 0: not set."""
+    """Duration that replaces velocity and acceleration, s. 0: not set."""
     blend_radius: float = 0.0
-    """Radius of the blend into the next motion, m. 0: rest at the end."""
+    """Radius of the blend into the next motion, m. 0: the arm rests at the end."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedSequence:
-    """A trajectory from rest to rest, with k motions. ends: end time of each one, (k,), s."""
+    """A trajectory from rest to rest, with k motions. ends: end time of each motion, (k,), s."""
 
     trajectory: Trajectory
     ends: Array
@@ -85,8 +84,8 @@ def plan_sequence(
 ) -> PlannedSequence:
     """Return the trajectory of all motions, from rest at the joint positions `start`, shape (n,).
 
-    * sampled: if False, a single joint move is returned as its end point only.
-    * checkpoint: called often, because a motion may take seconds to plan. It may raise to cancel.
+    sampled: if False, only the end point of a single joint move is returned. checkpoint: called
+    often, because a motion may take seconds to plan. It may raise to cancel.
 
     Raises SequenceError if a motion cannot be executed.
     """
@@ -161,7 +160,6 @@ def _check_group(first: int, group: Sequence[Primitive]) -> None:
 def _run(
     kinematics: Kinematics, start: Array, group: Sequence[Primitive], checkpoint: Checkpoint
 ) -> TimedRun:
-    """Return the points of a group of blended motions, or of a single motion."""
     radii = [primitive.blend_radius for primitive in group[:-1]]
     if group[0].kind is Kind.LINEAR_JOINT:
         if not radii:
@@ -173,7 +171,8 @@ def _run(
     pose = kinematics.forward(start)
     for index, primitive in enumerate(group):
         try:
-            segments.append(_segment(pose, primitive))
+            via, end = primitive.via, primitive.target
+            segments.append(line(pose, end) if via is None else arc(pose, via, end))
         except ValueError as error:
             raise BlendError(index, str(error)) from error
         pose = primitive.target
@@ -190,12 +189,6 @@ def _run(
     raise ValueError(f'move_time = {move_time:.4g} s: too short for a smooth motion of the tool')
 
 
-def _segment(start: Array, primitive: Primitive) -> PosePath:
-    if primitive.via is None:
-        return line(start, primitive.target)
-    return arc(start, primitive.via, primitive.target)
-
-
 def _joint_motion(limits: JointLimits, start: Array, primitive: Primitive) -> TimedRun:
     motion = go(_lowered(limits, primitive), start, primitive.target)
     stretch = _stretch(max(motion.duration, SHORTEST_MOVE_S), primitive)
@@ -206,7 +199,7 @@ def _joint_motion(limits: JointLimits, start: Array, primitive: Primitive) -> Ti
 
 
 def _lowered(limits: JointLimits, primitive: Primitive) -> JointLimits:
-    """Return the limits of a joint move: lowered to its velocity and acceleration, if set."""
+    """Return the joint limits, reduced to the velocity and acceleration of a joint move."""
     if primitive.move_time:
         return limits
     lowered = limits
@@ -241,10 +234,7 @@ def _tool_limits(primitive: Primitive) -> ToolLimits:
 
 
 def _tool_limits_of_time(path: PosePath, time: float) -> ToolLimits:
-    """Return limits with which the tool takes about `time` s.
-
-    A third of the time each is for acceleration, full speed, and deceleration.
-    """
+    """Return limits with which the tool takes about `time` s. Each ramp takes a third of it."""
     speed, turn = 1.5 * path.length / time, 1.5 * path.angle / time
     tiny = 1e-9  # for a motion without distance or without turn
     return ToolLimits(

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Times a path with known joint positions, and converts it to trajectory points.
 
-Each part of the path has limits, e.g. those of the tool. The joint limits are checked along the
-whole path. If a joint would exceed a limit, usually near a singularity, the motion is refused, or
-slowed down there if requested.
+Each part of the path has limits, e.g. the limits of the tool. The joint limits are checked along
+the whole path. If a joint would exceed a limit, usually near a singularity, the motion is refused,
+or slowed down at this place if requested.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,42 +15,36 @@ import numpy as np
 import numpy.typing as npt
 
 from epson_driver.motion import Array, Trajectory
+from epson_driver.motion.time_parametrisation import TimeParametrisation
 from epson_driver.motion.trajectory import MAX_POINTS, sample_times
 from epson_driver.tool_motion.joint_path import JointPath, PathError
 from epson_driver.tool_motion.pose_path import distance_from
 from epson_driver.tool_motion.speed_profile import (
     PartLimits,
-    SpeedProfile,
     fastest,
     fraction_of_limits,
+    when,
 )
 
 PERIOD_S = 0.05
-"""Maximum time between two points, s."""
+"""Maximum time between two points."""
 MIN_PERIOD_S = 0.01
-"""Minimum time between two points, s."""
 
 REST_S = 0.2
-"""Rest between two runs, s. A controller with smooth motion treats a point that is repeated after
-this time as a rest. Without a rest it may round the corner."""
+"""Duration of the rest between two runs. A controller with smooth motion rests at a point that is
+repeated after this time. Without a rest it may round the corner."""
 
 MAX_STRETCH = 100.0
 """Maximum slowdown anywhere on a path. If more is needed, the path is refused."""
 
 LEVELS = (1, 2, 3, 5, 8)
 """Numbers of speed levels that are tried. The lowest level is the speed of the slowest point. With
-more levels, the speed at each point is closer to its limit, but less distance is left for changes
-of speed."""
+more levels, the speeds are closer to their limits, but less distance is left for changes of it."""
 
 
 @dataclass(frozen=True, eq=False)
 class TimedRun:
-    """Points of a motion from rest to rest.
-
-    * times: time of each point from 0, shape (k,), s.
-    * positions, velocities: joint positions and velocities at the points, shape (k, n).
-    * ends: end time of each segment, shape (m,), s.
-    """
+    """Points of a motion from rest to rest. ends: end time of each segment, shape (m,), s."""
 
     times: Array
     positions: Array
@@ -58,7 +52,6 @@ class TimedRun:
     ends: Array
 
     def stretched(self, factor: float) -> 'TimedRun':
-        """Return the motion slowed down by `factor`."""
         return TimedRun(
             self.times * factor, self.positions, self.velocities / factor, self.ends * factor
         )
@@ -74,12 +67,9 @@ def timed(
 ) -> TimedRun:
     """Return the fastest motion along a path within the limits of its parts and of the joints.
 
-    * ends: distances at which the segments end, shape (m,).
-    * accuracy: maximum distance of the tool from the path, m, while the joints move straight
-      between two points.
-    * slow: whether to slow down where a joint limit requires it.
-
-    Raises PathError if no motion is possible.
+    ends: distances at which the segments end. accuracy: maximum distance of the tool from the
+    path, m, while the joints move straight between two points. slow: whether to slow down where a
+    joint limit requires it. Raises PathError if no motion is possible.
     """
     for motion, stretch in _motions(path, parts, slow=slow):
         period = PERIOD_S
@@ -87,7 +77,7 @@ def timed(
             times, positions, velocities = _sampled(path, motion, stretch, period)
             deviation = _deviation(path, positions)
             if deviation <= accuracy:
-                return TimedRun(times, positions, velocities, motion.when(ends) * stretch)
+                return TimedRun(times, positions, velocities, when(motion, ends) * stretch)
             period /= 2.0
     raise PathError(
         f'points {period * 2.0:.3g} s apart leave the path by {deviation * 1e3:.3g} mm between '
@@ -96,10 +86,9 @@ def timed(
 
 
 def joined(names: tuple[str, ...], runs: Sequence[TimedRun]) -> tuple[Trajectory, Array]:
-    """Return one trajectory of consecutive runs, with a rest of REST_S after each but the last.
+    """Return one trajectory of runs, with rests in between, and its segments' end times.
 
-    names: joint names. The second result is the end time of each segment, s. Raises PathError if
-    the trajectory would have more than MAX_POINTS.
+    Raises PathError if it would have more than MAX_POINTS.
     """
     if (count := sum(len(run.times) for run in runs)) > MAX_POINTS:
         raise PathError(f'{count} points: must be at most {MAX_POINTS}, so send fewer motions')
@@ -120,11 +109,8 @@ def joined(names: tuple[str, ...], runs: Sequence[TimedRun]) -> tuple[Trajectory
 
 def _motions(
     path: JointPath, parts: Sequence[PartLimits], *, slow: bool
-) -> list[tuple[SpeedProfile, float]]:
-    """Return possible motions, the fastest first, each with its slowdown factor.
-
-    Raises PathError if a slowdown is needed and not `slow`, or if it exceeds MAX_STRETCH.
-    """
+) -> list[tuple[TimeParametrisation, float]]:
+    """Return possible motions, the fastest first, each with its slowdown factor (`_stretch`)."""
     slopes = _slopes(path)
     motion = fastest(parts)
     stretch = _stretch(path, slopes, motion, slow=slow)
@@ -139,22 +125,25 @@ def _motions(
 
 
 def _slopes(path: JointPath) -> Array:
-    """Return the joints' first three derivatives by distance at the samples, shape (3, k, n)."""
+    """Return the first three derivatives of the joint positions, shape (3, k, n).
+
+    The derivatives are taken at the samples, with respect to the distance along the path.
+    """
     first = np.gradient(path.joints, path.distances, axis=0, edge_order=2)
     second = np.gradient(first, path.distances, axis=0, edge_order=2)
     third = np.gradient(second, path.distances, axis=0, edge_order=2)
     return np.array([first, second, third])
 
 
-def _stretch(path: JointPath, slopes: Array, motion: SpeedProfile, *, slow: bool) -> float:
+def _stretch(path: JointPath, slopes: Array, motion: TimeParametrisation, *, slow: bool) -> float:
     """Return the slowdown factor, 1 or more, with which a motion respects the joint limits.
 
-    Raises PathError if it is above 1 and not `slow`, or above MAX_STRETCH.
+    Raises PathError if the factor is above MAX_STRETCH, or if it is above 1 and not `slow`.
     """
     limits = path.kinematics.model.limits
     first, second, third = slopes
     times = np.linspace(0.0, motion.duration, 4 * len(path.distances))
-    distance, *rates = motion.at(times)
+    distance, *rates = motion.sample(times)
     index = np.clip(np.searchsorted(path.distances, distance), 0, len(path.distances) - 1)
     speed, acceleration, jerk = (rate[:, None] for rate in rates)
     needed = (
@@ -197,8 +186,7 @@ def _stretch(path: JointPath, slopes: Array, motion: SpeedProfile, *, slow: bool
 def _allowed_fractions(path: JointPath, slopes: Array, parts: Sequence[PartLimits]) -> Array:
     """Return the fraction f of the part's speed that the joints allow between samples, (k - 1,).
 
-    Speed times f, acceleration times f² and jerk times f³ are within every joint limit, even all
-    at the same time.
+    Speed · f, acceleration · f² and jerk · f³ respect every joint limit, even at the same time.
     """
     limits = path.kinematics.model.limits
     of_part = np.array([(part.speed, part.acceleration, part.jerk) for part in parts])
@@ -238,12 +226,11 @@ def _part_indices(path: JointPath, parts: Sequence[PartLimits]) -> npt.NDArray[n
 
 
 def _sampled(
-    path: JointPath, motion: SpeedProfile, stretch: float, period: float
+    path: JointPath, motion: TimeParametrisation, stretch: float, period: float
 ) -> tuple[Array, Array, Array]:
-    """Return times, positions and velocities of the motion, at most `period` s apart."""
     duration = motion.duration * stretch
     times = sample_times(duration, min(period, duration / 2.0))
-    distance, speed, _, _ = motion.at(times / stretch)
+    distance, speed, _, _ = motion.sample(times / stretch)
     slopes = np.gradient(path.joints, path.distances, axis=0, edge_order=2)
     slope = np.array([np.interp(distance, path.distances, column) for column in slopes.T]).T
     velocities = slope * speed[:, None] / stretch

@@ -5,9 +5,9 @@
 The position moves evenly along a line or arc. The orientation turns evenly about a fixed axis, by
 the shorter turn (slerp). Poses are homogeneous matrices, shape (4, 4), m.
 
-A blend cuts the corner between two segments. It starts and ends at its radius from the corner,
-measured along the path. Position and orientation have two continuous derivatives, so the tool can
-keep its speed. Without a blend the tool rests at the corner.
+A blend cuts the corner between two segments. It starts and ends at the distance of its radius from
+the corner, measured along the path. Position and orientation have two continuous derivatives, so
+the tool can keep its speed. Without a blend, the tool rests at the corner.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,11 +22,10 @@ from epson_driver.motion.interpolation import hermite, polynomial
 from epson_driver.tool_motion.tool_pose import homogeneous, rotation
 
 MIN_BEND_M = 1e-5
-"""Minimum distance of an arc's middle point from the line between its ends, m."""
+"""Minimum distance of an arc's middle point from the line between its ends."""
 
 HALF_TURN_MARGIN_RAD = 1e-6
-"""The direction of a turn that is closer to π than this is ambiguous. It is then chosen so that
-the largest component of the axis is positive."""
+"""Difference from π below which a turn is about the axis whose largest component is positive."""
 
 
 SHORTEST_PATH = 1e-6
@@ -35,13 +34,11 @@ SHORTEST_PATH = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class PosePath:
-    """A path of poses.
+    """A path of poses, with its length, m, and total turn, rad.
 
-    * length: length, m.
-    * angle: total turn, rad.
-    * pose: function from a fraction of the path, [0, 1], to the pose.
-    * derivatives: function from a fraction to the first three derivatives by it, shape (3, 6): of
-      the position, m, and of the turn about the axes of the moving frame, rad.
+    pose: function from a fraction of the path, [0, 1], to the pose. derivatives: function from the
+    fraction to the first three derivatives with respect to it, shape (3, 6). They are the
+    derivatives of the position, m, and of the turn about the moving axes, rad.
     """
 
     length: float
@@ -71,7 +68,7 @@ def line(start: Array, end: Array) -> PosePath:
 
 
 def arc(start: Array, via: Array, end: Array) -> PosePath:
-    """Return the part of a circle from a pose through a point, shape (3,), m, to another pose.
+    """Return the arc from a pose through the point `via`, shape (3,), m, to another pose.
 
     Raises ValueError if the points do not define an arc.
     """
@@ -109,10 +106,7 @@ def arc(start: Array, via: Array, end: Array) -> PosePath:
 
 
 def level_arc(start: Array, via: Array, end: Array) -> PosePath:
-    """Return a path whose projection to the xy plane is an arc, and whose z changes evenly.
-
-    Raises ValueError if the projected points do not define an arc.
-    """
+    """Return a path whose projection to the xy plane is an arc, and whose z changes evenly."""
     rise = float(end[2, 3] - start[2, 3])
     level = end.copy()
     level[2, 3] = start[2, 3]
@@ -141,7 +135,7 @@ def distance_from(point: Array, positions: Array) -> float:
 
 
 def _turn(first: Array, last: Array) -> Array:
-    """Return the rotation vector from one rotation matrix to another, in the first's frame."""
+    """Return the rotation vector from one rotation matrix to another, in the frame of `first`."""
     turn = first.T @ last
     twist = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     sine = float(np.linalg.norm(twist)) / 2.0
@@ -158,7 +152,7 @@ def _text(point: Array) -> str:
 
 
 class BlendError(ValueError):
-    """A segment of a path that is too short or cannot be blended. `index`: its index."""
+    """A segment of a path is too short, or cannot be blended. `index`: index of the segment."""
 
     def __init__(self, index: int, text: str) -> None:
         super().__init__(text)
@@ -169,7 +163,7 @@ class BlendError(ValueError):
 class Run:
     """A path from rest to rest. Its parts are segments without their blends, and blends.
 
-    segments: for each part, the index of its segment, or the indices of both for a blend.
+    segments: for each part, the index of its segment or, for a blend, of its two segments.
     """
 
     parts: tuple[PosePath, ...]
@@ -177,14 +171,13 @@ class Run:
 
     @property
     def last(self) -> int:
-        """Index of the last segment of the run."""
         return self.segments[-1][-1]
 
     @cached_property
     def seams(self) -> Array:
-        """Distances at which the k parts start, and at which the last one ends, shape (k + 1,), m.
+        """Distances at which the k parts start, and the last part ends, shape (k + 1,), m.
 
-        A part without a length counts with its angle, rad.
+        For a part without length, the angle counts as length, rad.
         """
         return np.concatenate([[0.0], np.cumsum([size_of(part) for part in self.parts])])
 
@@ -195,7 +188,6 @@ class Run:
         return np.append((self.seams[:-1] + self.seams[1:])[blends] / 2.0, self.seams[-1])
 
     def pose(self, distance: float) -> Array:
-        """Return the pose at a distance from the start, m (rad)."""
         index = int(np.searchsorted(self.seams, distance, 'right')) - 1
         index = min(max(index, 0), len(self.parts) - 1)
         fraction = (distance - self.seams[index]) / (self.seams[index + 1] - self.seams[index])
@@ -210,11 +202,9 @@ def size_of(path: PosePath) -> float:
 def runs(segments: Sequence[PosePath], blends: Sequence[float]) -> list[Run]:
     """Return the runs of a path, which are separated by rests.
 
-    * segments: paths, each of which starts at the end of the previous one.
-    * blends: blend radius at the end of each segment except the last, m, or 0 for a rest.
-
-    Raises BlendError if a segment has no length and no turn, or a blend is longer than its
-    segment.
+    segments: each segment starts at the end of the previous one. blends: blend radius at the end
+    of each segment except the last, m, or 0 for a rest. Raises BlendError if a segment has neither
+    length nor turn, or is shorter than its blends.
     """
     radii = [0.0, *blends, 0.0]
     for index, (segment, (start, end)) in enumerate(zip(segments, pairwise(radii), strict=True)):
@@ -246,7 +236,6 @@ def runs(segments: Sequence[PosePath], blends: Sequence[float]) -> list[Run]:
 
 
 def _part(path: PosePath, first: float, last: float) -> PosePath:
-    """Return the part of a path between two fractions."""
     fraction = last - first
     scale = fraction ** np.arange(1, 4)[:, None]
     return PosePath(
@@ -260,8 +249,8 @@ def _part(path: PosePath, first: float, last: float) -> PosePath:
 def _corner(before: PosePath, after: PosePath, radius: float) -> PosePath:
     """Return the blend of a corner, from `radius` m before it to `radius` m after it.
 
-    Its length is given as twice the radius, slightly more than the real length. Position and turn
-    are polynomials. The turn is a rotation vector in the frame at the corner.
+    The blend has twice the radius as its length, which is slightly more than the real length. The
+    position and the turn, a rotation vector in the frame at the corner, are polynomials.
     """
     entry, exit_ = 1.0 - radius / before.length, radius / after.length
     corner = before.pose(1.0)

@@ -13,17 +13,19 @@ from itertools import pairwise
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
+from epson_driver.motion.interpolation import after
+from epson_driver.motion.time_parametrisation import TimeParametrisation
 
 HALVINGS = 60
 """Number of bisection steps, which is enough for full precision."""
 
 END_TOLERANCE = 1e-9
-"""Last fraction of the path that counts as its end, because times are inaccurate there."""
+"""Last fraction of the path that counts as its end, because the times in it are inaccurate."""
 
 
 @dataclass(frozen=True, slots=True)
 class PartLimits:
-    """The length of a part of a path, in any unit, and its limits, in this unit per s, s², s³."""
+    """Length of a part of a path, in any unit, and its limits, in this unit per s, s² and s³."""
 
     length: float
     speed: float
@@ -41,7 +43,8 @@ def fraction_of_limits(
     """Return the largest fraction f ≤ 1 with which a motion respects every joint limit, shape (…).
 
     The motion has speed · f, acceleration · f² and jerk · f³ along a path, all at the same time.
-    derivatives: magnitudes of the joints' first three derivatives by the distance, shapes (…, n).
+    derivatives: magnitudes of the first three derivatives of the joint positions with respect to
+    the distance, shapes (…, n).
     """
     first, second, third = derivatives
     with np.errstate(divide='ignore'):
@@ -58,52 +61,17 @@ def fraction_of_limits(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class SpeedProfile:
-    """A motion along a path, as k pieces of constant jerk.
-
-    * times: start of each piece, and the end, shape (k + 1,), s.
-    * distances, speeds, accelerations: values at these times, shape (k + 1,).
-    * jerks: jerk of each piece, shape (k,).
-    """
-
-    times: Array
-    distances: Array
-    speeds: Array
-    accelerations: Array
-    jerks: Array
-
-    @property
-    def duration(self) -> float:
-        """Duration, s."""
-        return float(self.times[-1])
-
-    def at(self, times: Array) -> tuple[Array, Array, Array, Array]:
-        """Return distance, speed, acceleration and jerk at times from 0 to the end, shape (m,)."""
-        piece = np.clip(np.searchsorted(self.times, times, 'right') - 1, 0, len(self.jerks) - 1)
-        elapsed = times - self.times[piece]
-        distance, speed = self.distances[piece], self.speeds[piece]
-        acceleration, jerk = self.accelerations[piece], self.jerks[piece]
-        return (
-            distance + elapsed * (speed + elapsed * (acceleration / 2.0 + elapsed * jerk / 6.0)),
-            speed + elapsed * (acceleration + elapsed * jerk / 2.0),
-            acceleration + elapsed * jerk,
-            jerk,
-        )
-
-    def when(self, distances: Array) -> Array:
-        """Return the times at which distances are reached, shape (m,), s."""
-        early, late = np.zeros(len(distances)), np.full(len(distances), self.duration)
-        for _ in range(HALVINGS):
-            middle = (early + late) / 2.0
-            before = self.at(middle)[0] < distances
-            early, late = np.where(before, middle, early), np.where(before, late, middle)
-        return np.where(
-            distances >= self.distances[-1] * (1.0 - END_TOLERANCE), self.duration, late
-        )
+def when(motion: TimeParametrisation, distances: Array) -> Array:
+    """Return the times at which a motion reaches distances, shape (m,), s."""
+    early, late = np.zeros(len(distances)), np.full(len(distances), motion.duration)
+    for _ in range(HALVINGS):
+        middle = (early + late) / 2.0
+        before = motion.sample(middle)[0] < distances
+        early, late = np.where(before, middle, early), np.where(before, late, middle)
+    return np.where(distances >= motion.end * (1.0 - END_TOLERANCE), motion.duration, late)
 
 
-def fastest(parts: Sequence[PartLimits]) -> SpeedProfile:
+def fastest(parts: Sequence[PartLimits]) -> TimeParametrisation:
     """Return the fastest motion along all parts, from rest to rest."""
     speeds = _seam_speeds(parts)
     columns: list[tuple[float, float, float, float, float]] = []
@@ -113,16 +81,12 @@ def fastest(parts: Sequence[PartLimits]) -> SpeedProfile:
         speed, acceleration = first, 0.0
         for duration, jerk in _pieces(part, first, last):
             columns.append((time, distance, speed, acceleration, jerk))
-            distance += duration * (
-                speed + duration * (acceleration / 2.0 + duration * jerk / 6.0)
-            )
-            speed += duration * (acceleration + duration * jerk / 2.0)
-            acceleration += duration * jerk
+            distance, speed, acceleration = after(duration, distance, speed, acceleration, jerk)
             time += duration
         distance = end  # removes the rounding of the pieces
     columns.append((time, distance, 0.0, 0.0, 0.0))
     times, distances, rates, accelerations, jerks = np.array(columns).T
-    return SpeedProfile(times, distances, rates, accelerations, jerks[:-1])
+    return TimeParametrisation(times, distances, rates, accelerations, jerks[:-1])
 
 
 def _seam_speeds(parts: Sequence[PartLimits]) -> list[float]:
@@ -136,14 +100,13 @@ def _seam_speeds(parts: Sequence[PartLimits]) -> list[float]:
 
 
 def _max_end_speed(part: PartLimits, first: float) -> float:
-    """Return the highest speed at the end of a part that starts with the speed `first`."""
     if first >= part.speed:
         return part.speed
     return highest(lambda last: _ramp_length(part, first, last) <= part.length, first, part.speed)
 
 
 def highest(fits: Callable[[float], bool], low: float, high: float) -> float:
-    """Return the highest number up to `high` for which `fits` is true, by bisection from `low`."""
+    """Return the highest number in [`low`, `high`] for which `fits` is true, by bisection."""
     if fits(high):
         return high
     for _ in range(HALVINGS):
@@ -153,10 +116,7 @@ def highest(fits: Callable[[float], bool], low: float, high: float) -> float:
 
 
 def _pieces(part: PartLimits, first: float, last: float) -> Iterator[tuple[float, float]]:
-    """Yield the duration and jerk of each piece of a part, from speed `first` to speed `last`.
-
-    The motion reaches the highest possible speed in between.
-    """
+    """Yield the duration and jerk of each piece of the fastest motion between two speeds."""
 
     def ramps(top: float) -> float:
         return _ramp_length(part, first, top) + _ramp_length(part, top, last)
@@ -170,7 +130,10 @@ def _pieces(part: PartLimits, first: float, last: float) -> Iterator[tuple[float
 
 
 def _ramp(part: PartLimits, first: float, last: float) -> Iterator[tuple[float, float]]:
-    """Yield the duration and jerk of each piece between two speeds without acceleration."""
+    """Yield the duration and jerk of each piece of a change of speed.
+
+    The acceleration is 0 at the start and at the end of the change.
+    """
     change = abs(last - first)
     if change == 0.0:
         return

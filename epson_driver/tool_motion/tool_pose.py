@@ -5,21 +5,27 @@
 import numpy as np
 import numpy.typing as npt
 
+from epson_driver.inputs import shown
 from epson_driver.motion import Array
+from epson_driver.robots.chain import rotation_about
 
 UNIT_TOLERANCE = 1e-3
-"""Maximum difference of the length of a quaternion from 1."""
+"""Maximum difference between the length of a quaternion and 1."""
+
+PLACE = 'numbers; a taught point is robot.points[name]'
+"""Form of a pose, or of joint positions, in error texts."""
 
 MAX_TOOL_M = 10.0
-"""Maximum distance of a tool from the flange, m."""
+"""Maximum distance of a tool from the flange."""
 
 
 def numbers(field: str, values: object, form: str = 'numbers') -> Array:
     """Return numbers as an array. They may be NaN or infinite.
 
-    field: name of the values in the error text. form: what the error text says they must be.
-    Raises ValueError if the values are not numbers.
+    Raises ValueError if `values` are not numbers. form: description of them for the error text.
     """
+    if isinstance(values, str):
+        raise ValueError(f'{field} = {shown(values)}: must be {form}')
     try:
         array = np.array(values)
         if array.dtype.kind not in 'iuf' and array.size:
@@ -29,19 +35,15 @@ def numbers(field: str, values: object, form: str = 'numbers') -> Array:
         raise ValueError(f'{field}: must be {form} ({error})') from error
 
 
-def finite_numbers(field: str, values: npt.ArrayLike) -> Array:
-    """Return numbers as an array. Raises ValueError if they are not finite numbers."""
-    array = numbers(field, values)
+def finite_numbers(field: str, values: npt.ArrayLike, form: str = 'numbers') -> Array:
+    array = numbers(field, values, form)
     if not np.all(np.isfinite(array)):
         raise ValueError(f'{field} = {array.tolist()}: must be finite numbers')
     return array
 
 
 def pose_of_quaternion(field: str, values: Array) -> Array:
-    """Return the homogeneous matrix of a position x y z, m, and a quaternion x y z w.
-
-    values: shape (7,). Raises ValueError if the length of the quaternion is not 1.
-    """
+    """Return the pose of a position x y z, m, and a quaternion x y z w of length 1, shape (7,)."""
     size = float(np.linalg.norm(values[3:]))
     if abs(size - 1.0) > UNIT_TOLERANCE:
         raise ValueError(
@@ -60,10 +62,7 @@ def pose_of_quaternion(field: str, values: Array) -> Array:
 
 
 def check_tool_distance(field: str, pose: Array) -> None:
-    """Raise ValueError if a tool is farther than MAX_TOOL_M from the flange.
-
-    pose: pose of the tool in tool0, shape (4, 4), m.
-    """
+    """Raise ValueError if a tool, a pose in tool0, is farther than MAX_TOOL_M from the flange."""
     away = float(np.linalg.norm(pose[:3, 3]))
     if away > MAX_TOOL_M:
         raise ValueError(
@@ -75,14 +74,10 @@ def check_tool_distance(field: str, pose: Array) -> None:
 def rotation(turn: Array) -> Array:
     """Return the rotation matrix of a rotation vector, shape (3,), rad."""
     angle = float(np.linalg.norm(turn))
-    x, y, z = turn / angle if angle > 0.0 else turn
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    versed = 2.0 * np.sin(angle / 2.0) ** 2
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + versed * cross @ cross)
+    return rotation_about(turn / angle if angle > 0.0 else turn, angle)
 
 
 def homogeneous(turned: Array, place: Array) -> Array:
-    """Return the pose, shape (4, 4), of a rotation matrix and a position, shape (3,), m."""
     pose = np.eye(4)
     pose[:3, :3] = turned
     pose[:3, 3] = place

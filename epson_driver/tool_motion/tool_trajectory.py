@@ -3,8 +3,8 @@
 """Converts lines and arcs of the tool to a joint trajectory.
 
 The whole motion is checked before execution: each joint must respect its velocity, acceleration
-and jerk limits everywhere. Near a singularity a joint would have to be very fast for a short
-distance. Such a motion is refused, or slowed down there if requested.
+and jerk limits everywhere. Near a singularity, a joint would have to be very fast for a short
+distance. Such a motion is refused, or slowed down near the singularity if requested.
 """
 
 from collections.abc import Sequence
@@ -20,28 +20,26 @@ from epson_driver.tool_motion.pose_path import PosePath, Run, size_of
 from epson_driver.tool_motion.speed_profile import PartLimits
 
 JERK_PER_ACCELERATION = 10.0
-"""Default ratio of the tool's jerk to its acceleration, 1/s. The acceleration ramps take 0.1 s."""
+"""Default ratio of the tool's jerk to its acceleration, 1/s. A ramp of the acceleration then takes
+0.1 s."""
 
 SIDEWAYS_FRACTION = 0.8
-"""Maximum fraction of the acceleration limit that a bend uses. A fraction of 0.6, at right angles
-to it, remains for changes of speed."""
+"""Maximum fraction of the acceleration limit that a bend uses. A fraction of 0.6 remains for
+changes of speed, because their acceleration is at right angles to the acceleration in the bend."""
 
 TINY = 1e-12
 """Lower bound of a derivative, which avoids divisions by 0."""
 
 BEND_SAMPLES = 33
-"""Number of samples of the derivatives of each part of a path."""
 
 
 @dataclass(frozen=True, slots=True)
 class ToolLimits:
     """Limits of the tool's motion, in m/s and m/s², and of its turn, in rad/s and rad/s².
 
-    The speed is reduced in bends to respect the acceleration limit.
-
-    * accuracy: maximum distance of the tool from the path between two sent points, m.
-    * slow: whether to slow down where a joint limit requires it.
-    * jerk_ratio: ratio of the jerk limit to the acceleration limit, also for the turn, 1/s.
+    The speed is reduced in bends to respect the acceleration limit. accuracy: maximum distance of
+    the tool from the path between two sent points, m. slow: whether to slow down where a joint
+    limit requires it. jerk_ratio: ratio of the jerk to the acceleration limit, 1/s.
     """
 
     speed: float = 0.1
@@ -53,7 +51,6 @@ class ToolLimits:
     jerk_ratio: float = JERK_PER_ACCELERATION
 
     def tightened_with(self, other: 'ToolLimits') -> 'ToolLimits':
-        """Return the stricter values of two sets of limits, for a blend between two motions."""
         minimum = [min(pair) for pair in zip(astuple(self), astuple(other), strict=True)]
         return ToolLimits(*minimum)
 
@@ -68,12 +65,7 @@ def trajectory_along_runs(
 ) -> Trajectory:
     """Return a timed trajectory with velocities along a path, with a rest after each run.
 
-    * start: joint positions at the start, shape (n,).
-    * path: the runs, which are parts of the path without a rest in between.
-    * tool: limits of the tool's motion.
-    * checkpoint: called at every step of planning. It may raise to cancel.
-    * frame: frame of positions in error texts.
-
+    checkpoint: called at every step of planning. It may raise to cancel. frame: for error texts.
     Raises PathError if the motion is impossible, or KinematicsError if the arm has no closed-form
     inverse kinematics.
     """
@@ -97,10 +89,8 @@ def timed_run(
 ) -> TimedRun:
     """Return the timed points along a run that starts at the joint positions `start`.
 
-    * tools: limits of the tool in each segment of the path. A blend respects the limits of both
-      adjacent segments.
-    * name: name of the run in error texts.
-    * checkpoint, frame: as in `trajectory_along_runs`, which also lists the exceptions.
+    tools: limits of the tool in each segment. A blend respects the limits of both segments. name:
+    for error texts. Raises the errors of `trajectory_along_runs`.
     """
     limits = []
     for part, owners in zip(run.parts, run.segments, strict=True):
@@ -116,7 +106,7 @@ def timed_run(
 
 
 def _part_limits(part: PosePath, tool: ToolLimits) -> PartLimits:
-    """Return limits of the motion along a part with which the tool respects its own limits."""
+    """Return limits for the motion along a part. With them, the tool respects its own limits."""
     size = size_of(part)
     powers = size ** np.arange(1, 4)[:, None]
     samples = np.array(
@@ -125,7 +115,7 @@ def _part_limits(part: PosePath, tool: ToolLimits) -> PartLimits:
             for fraction in np.linspace(0.0, 1.0, BEND_SAMPLES).tolist()
         ]
     )
-    # per m (rad) of the path, its square and its cube, for the tool's position and for its turn
+    # derivatives of the tool's position and of its turn, per m (rad) of the path, its square, cube
     upper = np.linalg.norm(samples.reshape(BEND_SAMPLES, 3, 2, 3), axis=-1).max(axis=0)
     upper = np.maximum(upper, TINY)
     speed_limits = np.array([tool.speed, tool.turn_speed])

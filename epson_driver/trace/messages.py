@@ -8,17 +8,11 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from epson_driver.link.connection import WireEvent
-from epson_driver.simple_message import (
-    CommType,
-    Frame,
-    FrameError,
-    Framer,
-    MessageType,
-)
+from epson_driver.simple_message import CommType, Frame, FrameError, Framer, MessageType
 from epson_driver.trace.recording import Step
 
 USUAL_PORTS = {11000: 'motion', 11002: 'state', 11003: 'io', 50240: 'motion', 50241: 'state'}
-"""Default role of a port whose messages do not show its role."""
+"""Usual port → its role. It applies to a port whose messages do not reveal the role."""
 
 ROLES = ('motion', 'state', 'io')
 
@@ -39,11 +33,17 @@ ROLE_OF_TYPE = {
 
 
 class MessagesError(ValueError):
-    """A recording without messages of a single controller. The text is the reason."""
+    """A recording does not contain the messages of exactly one controller.
+
+    The text is the reason.
+    """
 
 
 class Kind(Enum):
-    """Type of an entry: OPEN or REQUEST by the driver, or SEND, END or RESET by the controller."""
+    """Type of an entry.
+
+    The driver causes OPEN and REQUEST, the controller SEND, END and RESET.
+    """
 
     OPEN = auto()
     REQUEST = auto()
@@ -54,42 +54,32 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One event of a recording.
-
-    `time` is in s from the start of the recording, and never before the previous entry.
-    """
+    """One event. `time`: s from the start of the recording, never before the previous entry."""
 
     time: float
     kind: Kind
     connection: int
     data: bytes = b''
-    frame: Frame | None = None
-    """The data as a simple message frame, or None if it is not one."""
+    frame: Frame | None = None  # the data as a simple message frame, or None if it is not one
 
 
 @dataclass(frozen=True)
 class Messages:
-    """The messages between one controller and its drivers."""
-
-    began: float
-    """Start time, s since 1970."""
+    began: float  # start time, s since 1970
     entries: tuple[Entry, ...]
-    roles: dict[int, str]
-    """Role of each connection, one of ROLES."""
+    roles: dict[int, str]  # role of each connection, one of ROLES
 
 
 class Splitter:
-    """Splitter of a stream of bytes into frames."""
-
     def __init__(self) -> None:
         self._framer = Framer()
         self._bytes = bytearray()
         self._broken = False
 
     def split(self, data: bytes) -> Iterator[tuple[bytes, Frame | None]]:
-        """Yield each complete frame with its bytes.
+        """Yield each frame with its bytes.
 
-        From an invalid frame on, all bytes are yielded with None instead of a frame.
+        From an invalid frame on, yield all remaining bytes with None.
         """
         self._bytes += data
         self._framer.receive_data(data)
@@ -105,7 +95,7 @@ class Splitter:
         yield from self.rest()
 
     def rest(self) -> Iterator[tuple[bytes, None]]:
-        """Yield the bytes of an incomplete frame, if there are any, with None."""
+        """Yield the bytes of an incomplete frame with None, if any."""
         if self._bytes:
             yield self._taken(len(self._bytes)), None
 
@@ -116,11 +106,10 @@ class Splitter:
 
 
 def messages_of(steps: Sequence[Step], controller: str | None = None) -> Messages:
-    """Return the messages of a recording.
+    """Return the messages of a recording, without connections of another protocol.
 
-    `controller`: its IP address, needed if there are several. Connections with another protocol
-    than simple message are ignored. Raises MessagesError if there is no controller, if there are
-    several, or if two ports have the same role.
+    `controller`: its IP address, needed if there are several. Raises MessagesError if there is no
+    controller, if there are several, or if two ports have the same role.
     """
     steps = _of_one_controller(steps, controller)
     if not steps:
@@ -146,7 +135,7 @@ def _of_one_controller(steps: Sequence[Step], controller: str | None) -> list[St
     ]
     addresses = sorted({step.server[0] for step in chosen})
     if len(addresses) > 1:
-        raise MessagesError(f'controllers {", ".join(addresses)} are in it: select one')
+        raise MessagesError(f'controllers {", ".join(addresses)} are in the recording: select one')
     return chosen
 
 
@@ -178,7 +167,7 @@ def _entries(steps: Sequence[Step]) -> Iterator[Entry]:
 
 
 def _roles(entries: Sequence[Entry], port_of: dict[int, int]) -> dict[int, str]:
-    """Return the role of each port, by port. Raises MessagesError if two have the same role."""
+    """Return port → role. Raises MessagesError if two ports have the same role."""
     roles: dict[int, str] = {}
     for entry in entries:
         expected = CommType.TOPIC if entry.kind is Kind.SEND else CommType.SERVICE_REQUEST
@@ -193,5 +182,5 @@ def _roles(entries: Sequence[Entry], port_of: dict[int, int]) -> dict[int, str]:
             roles[port] = usual if usual in free else free[0]
     if len(set(roles.values())) < len(roles):
         text = ', '.join(f'{port} ({role})' for port, role in sorted(roles.items()))
-        raise MessagesError(f'two ports of the same kind are in it: {text}')
+        raise MessagesError(f'the recording has two ports with the same role: {text}')
     return roles

@@ -21,18 +21,13 @@ from typing import Protocol
 from epson_driver.link.connection import Address
 
 MAX_SEGMENT_BYTES = 16384
-"""Maximum data of a segment, bytes. Longer data is split, because an IPv4 packet has at most
-65,535 bytes."""
+"""Maximum number of bytes in a packet. Longer data is split, because of IPv4's limit of 65,535."""
 
-MAX_UNACKNOWLEDGED_BYTES = 16384
-"""Maximum unacknowledged data of one side, bytes. The TCP window is 65,535."""
-
+MAX_UNACKNOWLEDGED_BYTES = 16384  # maximum of one side, below the TCP window of 65,535
 MICROSECONDS = 0xA1B2C3D4
 NANOSECONDS = 0xA1B23C4D
 PCAPNG = 0x0A0D0D0A
-MAX_RECORD_BYTES = 262144
-"""Maximum length of a packet, bytes, as in tcpdump. A longer packet is a sign of damage."""
-
+MAX_RECORD_BYTES = 262144  # maximum length of a packet, as in tcpdump: a longer one is damage
 _FILE_HEADER = struct.pack('<IHHiIII', MICROSECONDS, 2, 4, 0, 0, MAX_RECORD_BYTES, 1)
 _RECORD = struct.Struct('<IIII')
 _TCP = struct.Struct('!HHIIBBHHH')
@@ -44,8 +39,11 @@ _TCP_PROTOCOL = 6
 _FIRST_SEQUENCE = 1000
 
 LINK_HEADERS = {0: 4, 1: 14, 12: 0, 101: 0, 113: 16, 276: 20}
-"""Bytes before the IP header, by link type: BSD loopback, Ethernet, raw IP (twice), and Linux
-cooked (`tcpdump -i any`) in both versions."""
+"""Link type → number of bytes before the IP header.
+
+The types are BSD loopback, Ethernet, raw IP (twice), and both versions of Linux cooked (`tcpdump
+-i any`).
+"""
 
 
 class PcapError(ValueError):
@@ -65,8 +63,7 @@ class Flag:
 class Sink(Protocol):
     """Destination of packets, such as a binary file."""
 
-    def write(self, data: bytes, /) -> object:
-        """Write bytes."""
+    def write(self, data: bytes, /) -> object: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +79,7 @@ class Segment:
 
 
 class PcapWriter:
-    """Writer of a pcap file, which starts with the header. `size`: bytes written so far."""
+    """Writes a pcap file, which starts with the file header. `size`: bytes written so far."""
 
     def __init__(self, sink: Sink) -> None:
         self.size = 0
@@ -101,9 +98,10 @@ class PcapWriter:
 
 
 class _Side:
-    """One end of a conversation, which creates its packets.
+    """One end of a conversation.
 
-    `sequence`: sequence number of the next packet. `acknowledged`: last acknowledgement.
+    `sequence` is the sequence number of its next packet. It has acknowledged everything before
+    `acknowledged`.
     """
 
     def __init__(self, own: Address, other: Address, own_mac: bytes, other_mac: bytes) -> None:
@@ -141,7 +139,7 @@ class _Side:
 
 
 class Conversation:
-    """Writer of one connection, from its handshake to its end, as packets in a file.
+    """Writes the packets of one TCP connection, from its handshake to its end.
 
     Times are in ns since 1970.
     """
@@ -156,7 +154,6 @@ class Conversation:
         self._record(time_ns, Flag.ACK, from_client=True)
 
     def data(self, time_ns: int, data: bytes, *, from_client: bool) -> None:
-        """Write bytes that one side sent."""
         sender, receiver = self._sides(from_client=from_client)
         for start in range(0, len(data), MAX_SEGMENT_BYTES):
             piece = data[start : start + MAX_SEGMENT_BYTES]
@@ -165,14 +162,16 @@ class Conversation:
                 self._record(time_ns, Flag.ACK, from_client=not from_client)
 
     def finish(self, time_ns: int, *, from_client: bool) -> None:
-        """Write one side's FIN, unless already written, and the other side's acknowledgement."""
+        """Write the FIN of one side, unless it is already written.
+
+        Then write the acknowledgement of the other side.
+        """
         if from_client not in self._finished:
             self._finished.add(from_client)
             self._record(time_ns, Flag.FIN | Flag.ACK, from_client=from_client)
             self._record(time_ns, Flag.ACK, from_client=not from_client)
 
     def reset(self, time_ns: int, *, from_client: bool) -> None:
-        """Write the RST of one side. Nothing follows it."""
         self._record(time_ns, Flag.RST | Flag.ACK, from_client=from_client)
         self._finished = {True, False}
 
@@ -196,9 +195,9 @@ def _text(address: bytes) -> str:
 
 
 def _sum(data: bytes) -> int:
-    """Return the sum of the data's 16 bit words modulo 65,535 (RFC 1071).
+    """Return the sum of the data's 16-bit words modulo 65,535 (RFC 1071).
 
-    65,536 is 1 modulo 65,535, so the data as one large number has the same remainder.
+    65,536 is 1 modulo 65,535. The data as a single large number therefore has the same remainder.
     """
     return int.from_bytes(data + b'\0' if len(data) % 2 else data) % 0xFFFF
 
@@ -214,7 +213,8 @@ def read_segments(data: bytes) -> Iterator[Segment]:
     """Yield the TCP segments of a classic pcap file, in the order of the file.
 
     Other packets are ignored, and so is an incomplete packet at the end, which is normal if the
-    writer was killed. Raises PcapError if the file is damaged or no classic capture of IP packets.
+    writer was killed. Raises PcapError if the file is damaged, or is not a classic capture of IP
+    packets.
     """
     order, scale, link_type = _file_header(data)
     skip = LINK_HEADERS[link_type]
@@ -251,7 +251,6 @@ def _file_header(data: bytes) -> tuple[str, float, int]:
 
 
 def _segment(packet: bytes, time: float) -> Segment | None:
-    """Return the TCP segment in an IP packet, or None if it has none or is invalid."""
     if not packet:
         return None
     if packet[0] >> 4 == 4 and len(packet) >= _IPV4.size:
@@ -285,16 +284,15 @@ class Stream:
     """Reassembly of one direction of a conversation."""
 
     next_sequence: int | None = None
-    waiting: dict[int, bytes] = field(default_factory=dict)
-    """Data after a gap, by the position of its first byte in the stream."""
+    waiting: dict[int, bytes] = field(default_factory=dict)  # after a gap, by position
 
     _starts: list[int] = field(default_factory=list)
     _position: int = 0
 
     def take(self, segment: Segment) -> bytes:
-        """Return the bytes that continue the stream, without repetitions.
+        """Return the bytes that continue the stream.
 
-        Data after a gap is stored until the gap is filled.
+        Data after a gap is kept until the gap is filled.
         """
         sequence = (segment.sequence + bool(segment.flags & Flag.SYN)) & 0xFFFFFFFF
         if self.next_sequence is None or segment.flags & Flag.SYN:

@@ -10,10 +10,7 @@ from epson_driver.link.connection import Address, WireEvent
 from epson_driver.trace.pcap import Flag, PcapError, Segment, Stream, read_segments
 
 Pair = frozenset[Address]
-
-MAX_RECORDING_BYTES = 1_000_000_000
-"""Maximum size of a recording, bytes, because it is read into memory."""
-
+MAX_RECORDING_BYTES = 1_000_000_000  # 1 GB, because it is read into memory
 CARRIES = (WireEvent.SENT, WireEvent.RECEIVED)
 
 
@@ -29,8 +26,6 @@ class Step:
 
 
 class _Connection:
-    """State of a connection while its packets are read."""
-
     def __init__(self, number: int, client: Address, server: Address) -> None:
         self.number = number
         self.client = client
@@ -40,7 +35,6 @@ class _Connection:
 
     @property
     def gap(self) -> str:
-        """Sentence on a missing packet, or '' if none is missing."""
         lost = sum(
             len(data) for stream in self.streams.values() for data in stream.waiting.values()
         )
@@ -50,7 +44,6 @@ class _Connection:
         )
 
     def steps(self, segment: Segment) -> list[Step]:
-        """Return the new events of a packet."""
         by_client = segment.source == self.client
         steps = []
         data = self.streams[segment.source].take(segment)
@@ -69,7 +62,7 @@ class _Connection:
 
 
 class DamagedError(PcapError):
-    """A file with an invalid packet. `steps`: the events before it."""
+    """A file contains an invalid packet. `steps` are the events before it."""
 
     def __init__(self, text: str, steps: list[Step]) -> None:
         super().__init__(text)
@@ -79,10 +72,10 @@ class DamagedError(PcapError):
 def read_recording(path: Path, gaps: list[str] | None = None) -> list[Step]:
     """Return all events of all connections in a pcap file.
 
-    If the start of a connection was not captured, it starts with its first packet, and its lower
-    port is assumed to be the server's. A sentence is appended to `gaps` for each connection with a
-    missing packet. Raises DamagedError if only a part of the file is valid, PcapError if no part
-    is, or InputError if the file cannot be read.
+    If the start of a connection was not captured, its lower port is assumed to be the server's. A
+    sentence is appended to `gaps` for each connection with a missing packet. Raises DamagedError
+    if only a part of the file is valid, PcapError if no part is valid, and InputError if the file
+    is unreadable.
     """
     steps: list[Step] = []
     try:

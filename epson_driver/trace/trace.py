@@ -8,6 +8,7 @@ links are not affected.
 """
 
 import contextlib
+import io
 import logging
 import os
 import threading
@@ -23,15 +24,9 @@ from epson_driver.link.connection import WireEvent
 from epson_driver.link.link import Link
 from epson_driver.trace.pcap import Conversation, PcapWriter
 
-WRITE_PERIOD_S = 0.2
-"""Period at which the thread writes, s. If the process is killed, at most this time is lost."""
-
-MAX_UNWRITTEN_BYTES = 16 * 1024 * 1024
-"""Maximum size of the buffer, bytes. If the disk is slower, the trace ends."""
-
-END_TIMEOUT_S = 1.0
-"""Maximum time to wait for the disk when the driver ends, s."""
-
+WRITE_PERIOD_S = 0.2  # period of the thread, s: a killed process loses at most this time
+MAX_UNWRITTEN_BYTES = 16 * 1024 * 1024  # size of the buffer. The trace ends if it is full
+END_TIMEOUT_S = 1.0  # maximum time to wait for the disk when the driver ends, s
 MEGABYTE = 1_000_000
 DEFAULT_MAX_BYTES = 100 * MEGABYTE
 
@@ -45,24 +40,22 @@ class TraceError(OSError):
 def open_trace(folder: str, name: str) -> BinaryIO:
     """Open a new trace file in a folder, which may start with `~` and is created if missing.
 
-    strftime codes such as `%Y%m%d-%H%M%S` in the name are expanded. The function may block on the
-    disk, so it must not be called in the event loop.
-
-    Raises TraceError if the folder is empty, the name is invalid or contains a folder, or the file
-    cannot be created. An existing file is never overwritten, because it may be the trace of a
-    failure before a restart. A symbolic link is never followed.
+    strftime codes in the name are expanded. The function may block on the disk, so it must not be
+    called in the event loop. An existing file is never overwritten, because it may be the trace of
+    a failure before a restart. A symbolic link is never followed. Raises TraceError if the file
+    cannot be opened.
     """
     if not folder:
         raise TraceError('no trace: the parameter trace_folder is empty')
     try:
         filled_in = datetime.now().astimezone().strftime(name)
     except ValueError as error:
-        raise TraceError(f'no trace into {name!r}: {error}') from error
+        raise TraceError(f'trace_file = {name!r} is no file name: {error}') from error
     for text in (name, filled_in):
         if not text.isprintable() or {'/', os.sep} & set(text) or text[:1] in ('', '.', '~'):
             raise TraceError(
-                f'no trace into {text!r}: the parameter trace_file must be the name of a file in '
-                f'{folder}, without a folder and without . or ~ in front'
+                f'trace_file must be the name of a file in {folder}, without a folder and without '
+                f'. or ~ in front, not {text!r}'
             )
     path = Path(folder, filled_in)
     try:
@@ -71,14 +64,14 @@ def open_trace(folder: str, name: str) -> BinaryIO:
         return path.open('xb', buffering=0)  # x: O_EXCL, which follows no symbolic link
     except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: no such user
         why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else error
-        raise TraceError(f'no trace into {path}: {why}') from error
+        raise TraceError(f'cannot create the trace {path}: {why}') from error
 
 
 class Trace:
-    """Recorder of the network traffic of `links` to a pcap file.
+    """Records the network traffic of `links` to a pcap file, in the event loop.
 
-    `begin` and `end` must be called in the event loop. A recording ends when its file reaches
-    `largest` bytes, which may be set at any time. `clock` returns the time in ns since 1970.
+    A recording ends when its file reaches `largest` bytes, which may be set at any time. `clock`
+    returns the time in ns since 1970.
     """
 
     def __init__(self, links: Iterable[Link], clock: Callable[[], int] = time.time_ns) -> None:
@@ -86,7 +79,7 @@ class Trace:
         self._clock = clock
         self._file: _BackgroundFile | None = None
         self._name = ''
-        self._writer = PcapWriter(_Nowhere())
+        self._writer = PcapWriter(io.BytesIO())  # until the first trace
         self.largest: float = DEFAULT_MAX_BYTES
         self._conversations: dict[Link, Conversation] = {}
 
@@ -109,10 +102,9 @@ class Trace:
                     self._take(link, WireEvent.RECEIVED, link.unread)
 
     def end(self, why: str, timeout: float = 0.0) -> None:
-        """End the trace, if there is one, and close its file.
+        """End the trace, if one is active, and close its file. `why`: reason for the log.
 
-        Waits up to `timeout` s for the disk, then continues in the background. Use a timeout for
-        the last trace of a process. `why`: the reason, for the log.
+        Waits up to `timeout` s for the disk, then continues in the background.
         """
         file = self._file
         if file is None:
@@ -128,7 +120,7 @@ class Trace:
         try:
             self._record(link, event, data)
         except TraceError:
-            self.end('')  # the log has the reason
+            self.end('')  # the reason is already logged
             return
         except Exception as error:  # noqa: BLE001 - any error ends the trace only
             _log.exception('trace %s failed', self._name)
@@ -147,10 +139,8 @@ class Trace:
         conversation = self._conversations.get(link)
         if conversation is None:
             return
-        if event is WireEvent.SENT:
-            conversation.data(now, data, from_client=True)
-        elif event is WireEvent.RECEIVED:
-            conversation.data(now, data, from_client=False)
+        if event in (WireEvent.SENT, WireEvent.RECEIVED):
+            conversation.data(now, data, from_client=event is WireEvent.SENT)
         elif event is WireEvent.ENDED:
             conversation.finish(now, from_client=False)
         elif event is WireEvent.RESET:
@@ -160,15 +150,11 @@ class Trace:
             del self._conversations[link]
 
 
-class _Nowhere:
-    """A sink that discards everything. It is used before the first trace."""
-
-    def write(self, data: bytes, /) -> None:
-        """Discard the bytes."""
-
-
 class _BackgroundFile:
-    """A file that a separate thread writes, so that `write` never waits. It logs its end."""
+    """A file that a separate thread writes, so `write` never waits.
+
+    The end of the thread is logged.
+    """
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -193,7 +179,6 @@ class _BackgroundFile:
             self._unwritten += data
 
     def close(self, why: str, timeout: float) -> None:
-        """Write the rest in the background and close the file. Wait up to `timeout` s for this."""
         self._why = why
         self._closing.set()
         self._thread.join(timeout)

@@ -649,17 +649,6 @@ def test_gripper_opens_closes_holds_and_reports_stuck_jaws():
     run(scenario())
 
 
-def test_gripper_without_any_input_signal_is_rejected():
-    wiring = aio.GripperWiring(open_output=0, close_output=1, opened_input=0, closed_input=1)
-
-    async def scenario():
-        async with robot_cell(settings=aio.Settings(gripper=wiring)) as (robot, _):
-            with pytest.raises(RobotError, match='has ever been on: check the wiring'):
-                await robot.gripper.close()
-
-    run(scenario())
-
-
 def test_aborted_motion_is_logged_only_if_never_awaited(caplog):
     gc.collect()  # motions of other tests
     caplog.clear()
@@ -683,7 +672,7 @@ def test_aborted_motion_is_logged_only_if_never_awaited(caplog):
     run(scenario())
 
 
-def test_io_kinds_may_be_lower_case():
+def test_io_type_names_may_be_lower_case():
     async def scenario():
         async with robot_cell() as (robot, _):
             await robot.io.write('do', 3, 1)
@@ -692,6 +681,18 @@ def test_io_kinds_may_be_lower_case():
             for wrong in ('dx', 3):
                 with pytest.raises(ValueError, match='must be DI or DO'):
                     await robot.io.read(wrong, 3)
+
+    run(scenario())
+
+
+@pytest.mark.invariant(9)
+def test_inv9_gripper_without_any_input_signal_holds_no_object():
+    wiring = aio.GripperWiring(open_output=0, close_output=1, opened_input=0, closed_input=1)
+
+    async def scenario():
+        async with robot_cell(settings=aio.Settings(gripper=wiring)) as (robot, _):
+            with pytest.raises(RobotError, match='has ever been on: check the wiring'):
+                await robot.gripper.close()
 
     run(scenario())
 
@@ -720,33 +721,6 @@ def test_point_rejected_by_the_controller_ends_the_motion():
                 assert 'the controller refused point 0 of 1' in str(error)
 
     run(scenario())
-
-
-@pytest.mark.parametrize('count', [10, pytest.param(100, marks=pytest.mark.slow)])
-def test_moves_leave_no_task_behind(count):
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            await robot.move_joints([0.01, 0, 0, 0, 0, 0])
-            before = len(asyncio.all_tasks())
-            for index in range(count):
-                await robot.move_joints([0.01 * (index % 2), 0, 0, 0, 0, 0])
-            assert len(asyncio.all_tasks()) <= before
-
-    run(scenario(), patience=600.0)
-
-
-def test_both_apis_have_the_same_public_names():
-    from epson_driver import robot
-
-    assert robot.__all__ == aio.__all__
-
-    def public(kind):
-        return {name for name in dir(kind) if not name.startswith('_')}
-
-    own = {'catch_up', 'measured'}
-    for name in ('Robot', 'Motion', 'Io', 'Gripper'):
-        missing = public(getattr(aio, name)) - public(getattr(robot, name)) - own
-        assert missing <= {'start', 'finish'}, name
 
 
 @pytest.mark.invariant(4)

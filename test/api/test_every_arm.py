@@ -13,7 +13,7 @@ from support.driver_harness import Harness, Submitted, simulated
 from support.event_loop import run
 from support.examples import one_in
 
-from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.delivery.delivery import delivery_rules
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.outcome import End
 from epson_driver.motion import Array
@@ -35,7 +35,9 @@ SIX = [10.0, -20.0, 20.0, 5.0, -60.0, 10.0]  # degrees
 def _bent(model: RobotModel) -> Array:
     if model.kind == SCARA:
         return np.array(BENT) / model.shown_per_unit
-    return model.for_folding_arm(np.radians(SIX).tolist())
+    x, _, z = model.chain.origins[2]
+    lean = float(np.arctan2(x, abs(z)))  # of the upper arm at zero
+    return np.radians(SIX) + lean * np.array((0.0, 1.0, -1.0, 0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize('name', one_in(5, robot_models()))

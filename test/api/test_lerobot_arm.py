@@ -108,7 +108,7 @@ def anything(step, count):
         ),
     ],
 )
-async def test_hostile_actions_break_no_limit_and_the_arm_stops_soon(
+async def test_hostile_actions_exceed_no_limit_and_the_arm_stops_soon(
     variant, model, policy, counts
 ):
     config = variant.EpsonRobotConfig(model=model)

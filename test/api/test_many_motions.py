@@ -9,7 +9,6 @@ import asyncio
 import gc
 import threading
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -32,11 +31,7 @@ LAG_S = load_controller_profile('simulated').servo.lag
 LOOK_S = 0.01
 """Sampling interval of a motion, s."""
 
-COUNTS = [
-    3,
-    pytest.param(30, marks=pytest.mark.slow),
-    pytest.param(100, marks=pytest.mark.soak),
-]
+COUNTS = [3, pytest.param(100, marks=pytest.mark.soak)]
 MODELS = pytest.mark.parametrize('model', one_in(2, READY))
 
 
@@ -164,28 +159,6 @@ class CycleRecorder:
         assert np.all(changes <= limits.acceleration * (1.0 + 1e-3) + 1e-6)
 
 
-def check_cycles(dt, velocities):
-    """Check the limits for a joint with these velocities in cycles of dt s, shapes (k,)."""
-    recorder = CycleRecorder(SimpleNamespace(step=None))
-    ends = np.cumsum(dt * velocities)[:, None]
-    recorder._cycles = list(zip(dt, np.vstack([[[0.0]], ends[:-1]]), ends, strict=True))
-    recorder.check(
-        SimpleNamespace(position_min=-1.0, position_max=1.0, velocity=1.0, acceleration=10.0)
-    )
-
-
-def test_limit_check_detects_velocity_jumps_and_ignores_rounding():
-    dt = np.tile([4e-3, 1e-6, 9e-6, 1.1e-13], 50)
-    times = np.cumsum(dt) - dt / 2.0
-    check_cycles(dt, 9.9 * np.minimum(times, times[-1] - times))
-    with pytest.raises(AssertionError):
-        check_cycles(dt, np.where(times < 0.1, 0.0, 0.05))
-    with pytest.raises(AssertionError):
-        check_cycles(dt, 10.1 * np.minimum(times, 0.09))
-    with pytest.raises(AssertionError):
-        check_cycles(dt, np.where(dt == 1e-6, 1.01e3, 0.0))
-
-
 def near_trouble(model, number, random):
     """Return joints near a singularity or a limit, and how to turn the tool there."""
     joints = np.array(READY[model])
@@ -199,6 +172,7 @@ def near_trouble(model, number, random):
     return joints, turn
 
 
+@pytest.mark.slow
 @MODELS
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('count', COUNTS)
@@ -234,9 +208,9 @@ def test_lines_near_singularities_are_rejected_or_respect_all_limits(model, coun
 
 
 @pytest.mark.slow
-@MODELS
-def test_many_short_moves_leave_memory_tasks_and_threads_flat(model):
-    """200 moves of each model, alternating joint and tool moves."""
+def test_many_short_moves_leave_memory_tasks_and_threads_flat():
+    """100 moves, alternating joint and tool moves."""
+    model = 'gx4_c251s'
 
     async def scenario():
         async with robot_cell(model=model) as (robot, _):
@@ -258,10 +232,10 @@ def test_many_short_moves_leave_memory_tasks_and_threads_flat(model):
                 tasks = len(asyncio.all_tasks())
                 return len(gc.get_objects()), tasks, threading.active_count(), resident_kb()
 
-            first = await moves(100)  # fills bounded histories, e.g. of latencies
-            last = await moves(200)
+            first = await moves(60)  # fills bounded histories, e.g. of latencies
+            last = await moves(100)
             print(f'{model}: objects, tasks, threads, kB: {first}, {last}')
-            assert last[0] - first[0] < 100  # one leaked object per move would be 200
+            assert last[0] - first[0] < 60  # one leaked object per move would be 100
             assert last[1] <= first[1]
             assert last[2] <= first[2]
             assert last[3] - first[3] < 2048

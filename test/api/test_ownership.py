@@ -52,6 +52,7 @@ def test_dropped_robot_stops_the_arm_and_ends_its_threads(ports, caplog):
     assert 'stopped on request, the arm is at rest' in caplog.text
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(3, 4, 9)
 def test_dropping_a_robot_with_a_blocked_callback_does_not_block(ports, monkeypatch, caplog):
     monkeypatch.setattr(threads, 'MAX_WAITING_CALLBACKS', 3)
@@ -114,7 +115,7 @@ async def test_connect_reports_that_another_client_is_connected():
 
 
 @pytest.mark.invariant(3, 4)
-async def test_asyncio_robot_is_replaced_and_dropped_likewise(caplog):
+async def test_second_or_deleted_asyncio_robot_also_stops_the_arm(caplog):
     async with simulated() as (_, ports):
         first = await aio.Robot(**ports_of(ports)).connect()
         await first.enable()

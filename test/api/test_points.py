@@ -62,7 +62,7 @@ def test_points_are_found_by_label_or_number_in_any_case(points):
         points['nowhere']
     with pytest.raises(ArgumentError, match='point later is not taught yet'):
         points['later']
-    with pytest.raises(ArgumentError, match='point tray is in local 2 of the controller'):
+    with pytest.raises(ArgumentError, match=r'in Local 2 .*P\d+ = P\d+ @0 converts'):
         points['tray']
 
 
@@ -162,12 +162,11 @@ def test_invalid_file_gives_one_sentence_and_changes_nothing(
 
 @pytest.mark.parametrize('name', ['', 'p7', 'P12', 'a b', 'ä', '1st', 'x' * 40])
 def test_point_name_must_be_a_word(name):
-    robot = aio.Robot()
     with pytest.raises(ArgumentError, match='must be a word'):
-        robot.points[name] = EpsonPoint(1, 2, 3)
+        aio.Robot().points[name] = EpsonPoint(1, 2, 3)
 
 
-def test_arm_teaches_a_point_approaches_and_reaches_it(tmp_path):
+def test_taught_point_is_approached_and_reached(tmp_path):
     with Robot.simulated(model='gx4_a251s', start=[0.3, 0.9, -0.05, 0.0]) as robot:
         robot.enable()
         pick = robot.points.teach('pick')
@@ -184,6 +183,7 @@ def test_arm_teaches_a_point_approaches_and_reaches_it(tmp_path):
         assert robot.points['P0'].x == pytest.approx(pick.x, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_six_axis_arm_saves_hand_elbow_wrist_and_turns(tmp_path):
     with Robot.simulated(start=[0.3, 0.2, 0.2, 0.0, -1.9, 3.3]) as robot:
         robot.points.teach('pick')
@@ -199,7 +199,7 @@ def test_six_axis_arm_saves_hand_elbow_wrist_and_turns(tmp_path):
     assert [written.number(key) for key in flags] == [1, 1, 1, 0, 0, 0, 1]
 
 
-def test_before_moves_back_along_the_tool():
+def test_before_shifts_a_point_backwards_along_the_tool():
     point = EpsonPoint(300, 0, 400, 0, 90, 0)
     away = point.before(50)
     tool = point.pose[:3, 2]
@@ -214,7 +214,7 @@ def test_teach_without_connection_raises():
         robot.points.teach('pick')
 
 
-def test_csv_has_all_of_a_points_file(points, tmp_path):
+def test_csv_file_keeps_all_values_of_a_pts_file(points, tmp_path):
     points.save(tmp_path / 'a.csv')
     again = aio.Robot(model='gx4_a251s').points
     again.load(tmp_path / 'a.csv')
@@ -223,15 +223,6 @@ def test_csv_has_all_of_a_points_file(points, tmp_path):
     assert header_fault(content) == ''
     old, new = (parsed('', text.decode('latin-1')) for text in (FILE, content))
     assert list(new.blocks('Point')) == list(old.blocks('Point'))
-
-
-def test_csv_needs_the_posture_and_takes_defaults_for_the_rest(points, tmp_path):
-    file = tmp_path / 'a.csv'
-    file.write_bytes(b'Number,Label,X,Y,Z,Hand,Elbow,Wrist\r\n5,up,1,2.5,3,1,1,1\r\n')
-    assert points.load(file) == 1
-    assert points['up'] == points['P5'] == EpsonPoint(1, 2.5, 3)
-    points.save(tmp_path / 'a.pts')
-    assert header_fault((tmp_path / 'a.pts').read_bytes()) == ''
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ EXAMPLES = re.findall(r'(?ms)^```python\n(.*?)^```', PAGE)
 
 EXPECTED = (
     'the arm is enabled',
+    'open http',
     'the running motion ended: ',
     'canceled, the arm is at rest',
     'out of reach',
@@ -21,7 +22,7 @@ EXPECTED = (
     'True',
     'no stream is followed, and the arm is at rest',
     'link disconnected',
-    '0.4',
+    ' rad\n',
 )
 """A part of each example's output."""
 

@@ -114,7 +114,7 @@ def test_power_is_low_and_the_requested_speed_is_set():
 
 
 @pytest.mark.parametrize('model', ['gx4_a251s', 'vt6_a901s'])
-def test_other_arms_move(model):
+def test_other_arm_models_move_to_a_joint_target(model):
     async def scenario():
         async with remote_cell(model=model) as (robot, _):
             limits = robot.model.limits
@@ -164,16 +164,6 @@ def test_stop_aborts_the_motion_and_the_next_one_succeeds():
                 await motion.wait()
             await robot.move_joints(START)
             assert robot.joints == pytest.approx(START, abs=1e-4)
-
-    run(scenario())
-
-
-def test_cancel_ends_the_motion_as_canceled():
-    async def scenario():
-        async with remote_cell() as (robot, controller):
-            motion = await started_motion(robot, controller)
-            assert 'canceled, the arm is at rest' in await motion.cancel()
-            await assert_stays_at_rest(controller)
 
     run(scenario())
 
@@ -424,7 +414,7 @@ def test_wrong_password_is_reported_and_the_profile_s_password_is_used(tmp_path)
         async with simulated(profile=profile_with('secret')) as (_, ports):
             for name in (profile_with('wrong'), 'remote'):
                 robot = aio.Robot(controller=name, remote_port=ports.remote)
-                with pytest.raises(RobotError, match='the password is wrong'):
+                with pytest.raises(RobotError, match=r'password is wrong.*password_variable'):
                     await robot.connect(timeout=2.0)
             async with aio.Robot(
                 controller=profile_with('secret'), remote_port=ports.remote
@@ -467,19 +457,6 @@ def test_connect_with_pressed_estop_reports_the_remedy():
                 await robot.move_joints(START)
 
     run(scenario())
-
-
-def test_remote_port_0_is_rejected():
-    with pytest.raises(
-        ValueError, match='remote_port = 0: this controller has no other interface'
-    ):
-        aio.Robot(controller='remote', remote_port=0)
-
-
-def test_interface_of_another_controller_is_rejected():
-    settings = aio.Settings(interface='streaming')
-    with pytest.raises(ValueError, match='interface = streaming: the controller remote supports'):
-        aio.Robot(controller='remote', settings=settings)
 
 
 def test_simulated_remote_controller_runs_as_a_process():

@@ -14,18 +14,15 @@ from support.api_harness import FAR, ports_of
 from support.api_patience import be_patient
 from support.driver_harness import simulated
 from support.sim_process import vacant_port
-from support.two_jaws import TwoJaws
 
-from epson_driver import ArgumentError, MotionError, Robot, RobotError, Settings, aio, robot
+from epson_driver import ArgumentError, MotionError, Robot, RobotError, aio, robot
 from epson_driver.api import simulation
 from epson_driver.api.errors import RobotError as AnyRobotError
 from epson_driver.api.simulation import SimulatedController
 from epson_driver.api.threads import LoopThread
-from epson_driver.driver.io.gripper_wiring import GripperWiring
 from epson_driver.sim_controller.condition.states import Event
 
 PATIENCE = 60.0
-WIRING = GripperWiring(open_output=0, close_output=1, opened_input=0, closed_input=1)
 
 
 @pytest.fixture(autouse=True)
@@ -83,16 +80,6 @@ def test_each_request_returns_the_driver_s_answer(cell):
         assert robot.status.connected
 
 
-@pytest.mark.slow
-def test_gripper_opens_closes_and_reports_its_state(cell):
-    with cell.robot(settings=Settings(gripper=WIRING)) as robot:
-        cell.call(lambda: TwoJaws(cell.controller, WIRING))
-        assert robot.gripper.open().opened
-        assert robot.gripper.close().closed
-        assert robot.gripper.state() == robot.gripper.state()
-        assert robot.gripper.state().closed
-
-
 @pytest.mark.invariant(5)
 def test_cancel_of_an_aborted_motion_raises_its_error(cell):
     with cell.robot() as robot:
@@ -118,6 +105,17 @@ def test_failed_connect_leaves_no_thread_and_can_be_retried():
         lost.enable()
     with pytest.raises(RobotError, match='refused'):
         lost.connect(0.1)
+
+
+@pytest.mark.invariant(3, 9)
+def test_raising_callback_stops_the_arm(cell):
+    with cell.robot() as robot:
+        robot.enable()
+        motion = robot.move_joints(FAR, speed=0.02, wait=False)
+        robot._session.callbacks.wrap(lambda _pressed: 1 / 0)(True)
+        with pytest.raises(MotionError, match='a callback failed: ZeroDivisionError'):
+            motion.wait(PATIENCE)
+        assert not robot.status.enabled
 
 
 @pytest.mark.invariant(9)
@@ -224,7 +222,7 @@ def replaced_by(tmp_path, monkeypatch):
         ('true', 'no output'),
     ],
 )
-def test_controller_that_does_not_start_is_reported_in_its_words(replaced_by, script, expected):
+def test_error_of_a_controller_that_does_not_start_has_its_message(replaced_by, script, expected):
     controller = replaced_by(f'{script}; exit 2')
 
     async def scenario():
@@ -241,9 +239,7 @@ def test_spel_controller_can_be_simulated():
     with Robot.simulated(controller='spel') as robot:
         robot.enable()
         robot.move_joints([0.1, 0, 0, 0, 0, 0])
-    with pytest.raises(
-        RobotError, match=r'--motion: a SPEL. program determines its motion itself'
-    ):
+    with pytest.raises(RobotError, match=r'--motion cannot be set for a SPEL. program'):
         Robot.simulated(controller='spel', motion='smooth').connect()
 
 

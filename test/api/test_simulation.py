@@ -71,7 +71,10 @@ def test_invalid_fault_or_input_is_rejected():
 @pytest.mark.slow
 def test_simulation_of_a_real_robot_is_rejected(ports):
     robot = Robot(**{f'{name}_port': ports[name] for name in ports})
-    with robot, pytest.raises(RobotError, match='this controller is not simulated'):
+    with (
+        robot,
+        pytest.raises(RobotError, match='did not start its controller'),
+    ):
         robot.simulation.estop()
 
 

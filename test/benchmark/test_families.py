@@ -40,16 +40,8 @@ def test_family_respects_limits_without_stops(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', HARD)
-def test_family_is_planned(name: str) -> None:
+def test_at_most_2_percent_of_the_plans_of_a_family_fail(name: str) -> None:
     assert four_members(name).failed_share <= 0.02
-
-
-@pytest.mark.slow
-def test_delay_of_tiny_steps_is_made_up() -> None:
-    """The motion before them may be slightly early."""
-    figures = families.run_family('mixed_sizes', (9003, 9005))
-    assert 0.0 < figures.commanded_ratio <= 1.2
-    assert figures.stops == figures.failed == 0
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The metrics of the benchmark, its trajectories and its requirements."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,10 +10,10 @@ import pytest
 from benchmark.baselines import joint_spline, stop_and_go
 from benchmark.limit_sets import FACTORS, limit_set
 from benchmark.metrics import Metrics, measure
-from benchmark.motion_record import Record
 from benchmark.references import References, digest
 from benchmark.strategies import SAMPLE_STEP_S
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
+from benchmark.waypoints import Record
 from epson_driver.motion import Array, go
 
 LIMITS = limit_set('full')
@@ -68,21 +67,7 @@ def test_only_uncommanded_rests_are_stops() -> None:
     assert figures_of(record, positions).stops == 3
 
 
-def test_missed_waypoint_is_measured() -> None:
-    missed = POINTS.copy()
-    missed[2, 3] += 3e-3
-    assert figures_of(stops_at_each(), missed).waypoint == pytest.approx(3e-3, rel=1e-3)
-
-
-def test_inconsistent_derivatives_are_measured() -> None:
-    record = stops_at_each()
-    wrong = replace(record, velocities=1.1 * record.velocities)
-    assert figures_of(wrong).mismatch > 0.01
-    accelerations = record.accelerations.copy()
-    accelerations[100:, 2] += 0.05 * LIMITS.acceleration[2]
-    assert figures_of(replace(record, accelerations=accelerations)).jerk > 4.9
-
-
+@pytest.mark.slow
 def test_stored_references_are_complete_and_valid() -> None:
     stored = References()
     for one in benchmark_set():

@@ -11,18 +11,14 @@ import pytest
 from support.examples import one_in
 
 from epson_driver.bringup import (
-    DEFAULT_MODEL,
-    EACH,
     INTERFACE,
     BringupError,
     client_parameters,
     controller_arguments,
     launch_arguments,
     robot_description,
-    several_robots,
 )
 from epson_driver.processes import processes
-from epson_driver.setup.table import TABLE
 
 DEFAULTS = {
     argument['name']: argument['default_value'] for argument in launch_arguments(*INTERFACE)
@@ -45,14 +41,6 @@ def test_launch_argument_has_name_default_and_description() -> None:
         launch_arguments('robot_iq')
 
 
-def test_described_defaults_equal_the_client_defaults() -> None:
-    defaults = {row.name: row.default for row in TABLE}
-    for argument in launch_arguments('robot_ip', 'controller', 'robot_model'):
-        (named,) = re.findall(r'else ([\w.]+)\)\.$', argument['description'])
-        assert named == defaults[argument['name']]
-    assert defaults['robot_model'] == DEFAULT_MODEL
-
-
 def test_prefix_is_added_to_every_urdf_name() -> None:
     prefixed = robot_description('c3_a601s', 'left_')
     result = re.findall(r'<(?:link|joint|parent|child) (?:name|link)="([^"]+)"', prefixed)
@@ -66,10 +54,6 @@ def test_missing_xacro_error_has_the_install_command(monkeypatch: pytest.MonkeyP
     monkeypatch.setenv('XDG_CACHE_HOME', '/nowhere')
     with pytest.raises(BringupError, match=r'^xacro is missing: sudo apt install ros-jazzy-xacro'):
         robot_description('c3_a601s')
-
-
-def test_default_arguments_give_no_parameters() -> None:
-    assert client_parameters(DEFAULTS | {'interface': ''}) == {}
 
 
 @pytest.mark.parametrize('remote_port', ['', '5000'])
@@ -97,12 +81,3 @@ def test_sim_controller_accepts_its_command_line(tmp_path: Path, controller: str
     with processes.ended_at_exit(process):
         assert process.ports().motion > 0
     assert process.returncode == 0
-
-
-def test_prefixes_of_several_robots_are_valid_names() -> None:
-    robots = several_robots(
-        dict.fromkeys(EACH, '')
-        | {'namespaces': 'left,/line/two', 'robot_ips': '127.0.0.1, 127.0.0.2'}
-    )
-    assert [robot['tf_prefix'] for robot in robots] == ['left_', 'line_two_']
-    assert [robot['robot_ip'] for robot in robots] == ['127.0.0.1', '127.0.0.2']

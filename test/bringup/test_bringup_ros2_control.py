@@ -11,7 +11,6 @@ import re
 from typing import Any
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
 import yaml
 
@@ -25,7 +24,6 @@ from epson_driver.bringup import (
     move_group_parameters,
     robot_description,
     ros2_control_arguments,
-    servo_parameters,
 )
 from epson_driver.driver.servo.servo import MAX_LAG_S
 from epson_driver.driver.servo.setpoint import ServoSettings
@@ -90,10 +88,6 @@ def test_topics_are_in_the_namespace_of_the_driver(namespace: str) -> None:
     assert arguments['joint_states_topic'] == f'{inside}/joint_states'
 
 
-def test_default_description_has_no_block() -> None:
-    assert 'ros2_control' not in robot_description('c3_a601s')
-
-
 def test_controllers_claim_interfaces_of_the_block() -> None:
     result = controllers()
     manager = result.pop('controller_manager')
@@ -150,11 +144,6 @@ def test_driver_without_streams_is_refused(given: dict[str, str], why: str) -> N
         check_streams(VALUES | given)
 
 
-@pytest.mark.parametrize('given', [{}, {'controller': 'abb', 'interface': 'streaming'}])
-def test_driver_with_streams_is_accepted(given: dict[str, str]) -> None:
-    check_streams(VALUES | given)
-
-
 def test_moveit_servo_publishes_to_the_trajectory_topic() -> None:
     file = yaml.safe_load(share_path('config', 'moveit', 'servo.yaml').read_text('utf-8'))
     (servo,) = file.values()
@@ -164,16 +153,3 @@ def test_moveit_servo_publishes_to_the_trajectory_topic() -> None:
     assert servo['publish_joint_velocities']
     assert servo['max_expected_latency'] < 0.5  # epson_driver.node.servo_interface.MAX_AHEAD_S
     assert servo['move_group_name'] == 'manipulator'
-
-
-@pytest.mark.parametrize(
-    ('model', 'margins'),
-    [('c3_a601s', [0.12] * 6), ('gx4_c251s', [0.12, 0.12, 0.0075, 0.12])],
-)
-def test_servo_margins_leave_most_of_each_joint_range(model: str, margins: list[float]) -> None:
-    robot = load_robot_model(model)
-    result = servo_parameters(model)['moveit_servo']['joint_limit_margins']
-    assert result == pytest.approx(margins, abs=1e-4)
-    assert len(result) == len(robot.joint_names)
-    free = robot.limits.position_max - robot.limits.position_min - 2.0 * np.array(result)
-    assert np.all(free >= 0.899 * (robot.limits.position_max - robot.limits.position_min))

@@ -18,9 +18,11 @@ from support.interrupts import obey_interrupts
 
 from epson_driver.cli import __main__ as main
 from epson_driver.cli.arguments import if_in_use
+from epson_driver.node import smooth_goals
 from epson_driver.processes import processes
 from epson_driver.processes.command import EXECUTABLES, module_command, safe_python
-from epson_driver.processes.interrupt import ENDING
+from epson_driver.processes.interrupt import ENDING, INTERRUPTED
+from epson_driver.setup.table import ROWS
 
 
 def command(*arguments: str, before: str = '') -> subprocess.CompletedProcess[str]:
@@ -32,13 +34,6 @@ def command(*arguments: str, before: str = '') -> subprocess.CompletedProcess[st
         timeout=60,
         check=False,
     )
-
-
-def test_help_lists_every_executable() -> None:
-    run = command('--help')
-    assert run.returncode == 0
-    for name, text in EXECUTABLES.items():
-        assert f'  {name:15} {text}' in run.stdout
 
 
 @pytest.mark.parametrize(
@@ -67,10 +62,6 @@ def test_every_executable_is_installed_for_ros2_run() -> None:
     assert scripts == {'executable', 'first-run', *EXECUTABLES}  # both spellings are documented
 
 
-def test_hyphen_in_a_command_is_an_underscore() -> None:
-    assert command('smooth-goals', '--help').stdout == command('smooth_goals', '--help').stdout
-
-
 @pytest.mark.parametrize('package', ['epson_msgs', 'industrial_msgs'])
 def test_missing_messages_are_reported_with_build_command(package: str) -> None:
     run = command('client', before=f'sys.modules["{package}"] = None')
@@ -90,12 +81,6 @@ def test_missing_rclpy_is_reported(name: str) -> None:
     assert 'Traceback' not in run.stderr
 
 
-def test_sim_controller_needs_no_ros() -> None:
-    run = command('sim_controller', '--help', before='sys.modules["rclpy"] = None')
-    assert run.returncode == 0
-    assert '--start' in run.stdout
-
-
 def test_missing_module_names_its_extra() -> None:
     assert main._missing('matplotlib') == (
         "the Python module matplotlib is missing: pip install 'epson_driver[report]'"
@@ -113,6 +98,13 @@ def test_missing_module_of_this_package_raises(
     monkeypatch.setattr(sys, 'argv', ['epson_driver', 'robots'])
     with pytest.raises(ModuleNotFoundError):
         main._run()
+
+
+@pytest.mark.parametrize('name', ['doctor', 'spel'])
+def test_ctrl_c_exits_as_interrupted(name: str) -> None:
+    interrupt = 'm.main = lambda: signal.default_int_handler(signal.SIGINT, None)'
+    run = command(name, before=f'import signal, epson_driver.cli.{name} as m; {interrupt}')
+    assert (run.returncode, run.stderr) == (INTERRUPTED, '')
 
 
 def test_only_a_port_in_use_gives_advice() -> None:
@@ -321,12 +313,15 @@ def test_signal_before_the_executable_handles_it_exits_with_130(number: signal.S
     assert (run.returncode, run.stdout, run.stderr) == (130, '', '')
 
 
-def test_further_ctrl_c_is_ignored_after_the_loop_ends() -> None:
+@pytest.mark.invariant(3)
+def test_each_signal_ends_the_loop_and_further_ones_are_ignored() -> None:
     """This includes the time in which the loop closes."""
     code = (
         'import asyncio, os, signal\n'
         'from epson_driver.processes.interrupt import ended_by_signals\n'
-        'def interrupt(): os.kill(os.getpid(), signal.SIGINT)\n'
+        'def interrupt():\n'
+        '    for number in (signal.SIGQUIT, signal.SIGHUP, signal.SIGINT):\n'
+        '        os.kill(os.getpid(), number)\n'
         'async def main():\n'
         '    loop, end = asyncio.get_running_loop(), asyncio.Event()\n'
         '    with ended_by_signals(loop, end.set):\n'
@@ -439,4 +434,7 @@ def test_help_has_examples_exit_codes_and_defaults(
     text = capsys.readouterr().out
     assert text.count(f'\n  epson_driver {name} ') + text.count(f'\n  epson_driver {name}\n') >= 2
     assert re.search(r'\nexit codes: 0 .*, 2 invalid arguments', text)
+    given = set(re.findall(r'-p ([a-z_.]+):=', text))
+    table = smooth_goals.TABLE if name == 'smooth_goals' else ROWS.values()
+    assert given <= {row.name for row in table}
     assert not re.search(r'\((?!default|repeatable)[\w.]+\)\n', text.partition('examples:')[0])

@@ -6,7 +6,6 @@ import contextlib
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from support.sim_process import started, vacant_port
@@ -51,6 +50,33 @@ def controller(*words):
     finally:
         process.terminate()
         process.wait()
+
+
+@pytest.mark.slow
+def test_password_of_a_variable_is_used_by_all_commands_and_never_written(tmp_path, monkeypatch):
+    monkeypatch.setenv('CELL_PASSWORD', 'open sesame')
+    name = '--password-variable=CELL_PASSWORD'
+    with controller('--controller=remote', '--robot=t6_602s', name) as ports:
+        words = ('connect', '127.0.0.1', f'--remote-port={ports["remote"]}')
+        refused = command(*words, cwd=tmp_path)
+        assert (refused.returncode, '--password-variable' in refused.stdout) == (1, True)
+        made = command(*words, name, cwd=tmp_path)
+        assert made.returncode == 0, made.stdout + made.stderr
+        path = tmp_path / 'robot.yaml'
+        assert robot_settings(str(path))['password_variable'] == 'CELL_PASSWORD'
+        assert 'sesame' not in path.read_text()
+        doctor = command('doctor', 'robot.yaml', '--all', '--seconds=2', cwd=tmp_path)
+        assert not [line for line in doctor.stdout.splitlines() if line.startswith('wrong')]
+        pendant = command('pendant', '--host=robot.yaml', 'reset', cwd=tmp_path)
+        assert pendant.returncode == 0, pendant.stderr
+        with Robot(str(path), enable=True) as robot:
+            assert robot.move_joints([0.01, 0.0, 0.0, 0.0]).done
+        monkeypatch.delenv('CELL_PASSWORD')
+        for unset in (('doctor', 'robot.yaml'), ('pendant', '--host=robot.yaml', 'status')):
+            ended = command(*unset, cwd=tmp_path)
+            assert (ended.returncode, 'export CELL_PASSWORD=' in ended.stderr) == (2, True)
+        with pytest.raises(ArgumentError, match='CELL_PASSWORD: this environment variable is not'):
+            Robot(str(path))
 
 
 @pytest.mark.slow
@@ -121,7 +147,7 @@ def test_simulation_of_a_robot_file_and_explicit_options(file, monkeypatch, caps
     assert (arguments.controller, arguments.remote_port) == ('spel', 7)
     with pytest.raises(SystemExit, match='2'):
         parsed(_parser(), ['--host', str(file.with_name('other.yaml'))])
-    assert 'must be a file made by connect' in capsys.readouterr().err
+    assert 'must be a file written by `epson_driver connect`' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -129,7 +155,8 @@ def test_simulation_of_a_robot_file_and_explicit_options(file, monkeypatch, caps
     [
         ('panel', 'start `epson_driver client` with this file'),
         ('fleet', 'fleet simulates its robots'),
-        ('smooth_goals', 'smooth_goals has no address'),
+        ('smooth', 'must follow --robot, --host or --address'),
+        ('report', 'must follow --robot, --host or --address'),
     ],
 )
 def test_command_without_an_address_refuses_the_file_with_the_reason(file, name, text):
@@ -139,10 +166,6 @@ def test_command_without_an_address_refuses_the_file_with_the_reason(file, name,
     assert text in run.stderr
 
 
-def test_robots_shows_the_model_of_the_file(file):
-    assert command('robots', str(file)).stdout == command('robots', 't6_602s').stdout
-
-
 def test_launch_argument_robot_fills_the_empty_arguments(file):
     values = {item['name']: item['default_value'] for item in launch_arguments(*INTERFACE)}
     values |= {'interface': '', 'robot': str(file)}
@@ -150,6 +173,16 @@ def test_launch_argument_robot_fills_the_empty_arguments(file):
     given = client_parameters(values | {'controller': 'spel', 'remote_port': '6'})
     assert given == T6 | {'controller': 'spel', 'remote_port': 6}
     assert '--remote-port' in controller_arguments(values)
+
+
+def test_password_variable_reaches_the_client_and_its_simulation(tmp_path):
+    path = tmp_path / 'locked.yaml'
+    path.write_text(robot_text(T6 | {'password_variable': 'CELL_PASSWORD'}, 'made by a test'))
+    values = {item['name']: item['default_value'] for item in launch_arguments(*INTERFACE)}
+    values |= {'interface': '', 'robot': str(path)}
+    assert client_parameters(values) == T6 | {'password_variable': 'CELL_PASSWORD'}
+    arguments = controller_arguments(values)
+    assert arguments[arguments.index('--password-variable') + 1] == 'CELL_PASSWORD'
 
 
 def test_python_arguments_override_the_file(file):
@@ -169,6 +202,10 @@ def test_python_arguments_override_the_file(file):
             f'joint_signs = [1]: must be one of {", ".join(KEYS)}',
         ),
         ('/**:\n  ros__parameters: {robot_ip: a, io_port: -1}\n', 'io_port = -1: must be'),
+        (
+            '/**:\n  ros__parameters: {robot_ip: a, password_variable: open sesame}\n',
+            'must be the name of an environment variable, not its value',
+        ),
         ('/**: [\n', 'not YAML'),
     ],
 )
@@ -180,14 +217,6 @@ def test_wrong_file_is_one_sentence_with_file_and_rule(tmp_path, capsys, text, m
         robot_settings(str(path))
     assert message in str(error.value)
     assert str(error.value).startswith(str(path))
-
-
-def test_other_yaml_files_are_no_robot_files(tmp_path):
-    path = tmp_path / 'model.yaml'
-    path.write_text('like: t6_602s\n')
-    assert not is_robot_file(str(path))
-    assert not is_robot_file(str(tmp_path))
-    assert not is_robot_file(str(Path('no.yaml')))
 
 
 def test_ctrl_c_during_identification_ends_without_a_traceback(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 
 from epson_driver.cli import first_run
 from epson_driver.doctor.look import Look
-from epson_driver.first_run.book import FAILED, Entry, load
+from epson_driver.first_run.record import FAILED, Entry, load
 from epson_driver.first_run.steps import StepResult
 from epson_driver.inputs import InputError
 from epson_driver.processes.interrupt import INTERRUPTED

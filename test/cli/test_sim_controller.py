@@ -167,7 +167,7 @@ def test_unread_log_does_not_block_the_controller(start):
 def test_port_in_use_is_reported_by_name(start):
     _, ports = start()
     arguments = list(FREE)
-    arguments[3] = str(ports['state'])
+    arguments[1] = f'--state-port={ports["state"]}'
     result = run_here(sim_controller.main, *arguments)
     assert result.returncode == 1
     assert result.stdout == ''
@@ -181,6 +181,7 @@ def test_port_in_use_is_reported_by_name(start):
     ('arguments', 'text'),
     [
         (['--start', '-9,0,0,0,0,0'], 'joint_1 = -9 rad is outside the limits -2.96706 … 2.96706'),
+        (['--start', '0,90,0,0,0,0'], '1.134464 rad. Angles are in rad: 90° are 1.5708'),
         (['--start', '0,0,0,0,2.5,0'], 'joint_5 = 2.5 rad is outside the limits'),
         (['--start', 'nan,0,0,0,0,0'], 'joint_1 = nan rad is outside'),
         (['--start', '0,0,0'], '3 angles for 6 joints'),

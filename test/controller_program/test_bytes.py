@@ -219,7 +219,7 @@ def test_longs_survive_a_round_trip(harness: BytesHarness, count: int) -> None:
         assert harness.arrays['g_long'].d == longs
 
 
-def test_number_costs_few_statements(harness: BytesHarness) -> None:
+def test_conversion_of_a_number_takes_few_statements(harness: BytesHarness) -> None:
     """A controller has time for some hundred statements per message at 100 Hz."""
     angles = [0.5 + 1e-4 * number for number in range(BATCH)]
     before = harness.machine.statements

@@ -22,13 +22,13 @@ from support.robot_program import (
 from epson_driver.simple_message import (
     IoSetting,
     IoType,
-    IoWrite,
     JointTrajPt,
     Ping,
     ReplyCode,
     SpecialSequence,
     reply,
 )
+from epson_driver.simple_message.io_messages import IoWrite
 from epson_driver.spel import SpelError
 
 OK, FAILURE = 1, 2

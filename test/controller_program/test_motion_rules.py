@@ -83,7 +83,7 @@ def test_point_is_reached_and_answered(server):
 
 
 @EACH
-def test_reply_bytes(server):
+def test_reply_has_the_expected_bytes(server):
     server.send(point(0))
     assert server.take() == server.reply(0)
     server.send(point(STOP))
@@ -94,7 +94,7 @@ def test_reply_bytes(server):
 
 @EACH
 @pytest.mark.parametrize('chunk', [1, 3, 67])
-def test_points_in_any_segmentation(server, chunk):
+def test_points_are_answered_whatever_their_segmentation(server, chunk):
     data = point(0) + point(1, THERE, 0.0, 0.5) + point(2)
     server.send(*(data[first : first + chunk] for first in range(0, len(data), chunk)))
     server.rest()
@@ -566,7 +566,7 @@ def test_client_without_heartbeats_may_be_silent(server, first):
 @pytest.mark.parametrize(
     'message', [HEARTBEAT, frame(PING, REQUEST, 0), frame(2, REQUEST, 0), frame(999, TOPIC, 0)]
 )
-def test_any_message_counts_as_a_sign_of_life(server, message):
+def test_any_message_counts_as_a_heartbeat(server, message):
     start(server, HEARTBEAT, seconds=4.0)
     while server.moving:
         server.run(0.3)
@@ -576,7 +576,7 @@ def test_any_message_counts_as_a_sign_of_life(server, message):
 
 @pytest.mark.invariant(4)
 @WATCHED
-def test_inv4_points_are_refused_after_silence_until_stop(server):
+def test_inv4_points_after_client_silence_are_refused_until_stop_is_received(server):
     start(server, HEARTBEAT)
     server.run(1.5)
     server.take()

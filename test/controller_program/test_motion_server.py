@@ -127,7 +127,7 @@ def test_compensated_delay_is_limited(harness: RobotHarness, client: Client) -> 
     assert harness.robot.gone_to[-1][1] == 5.0
 
 
-def test_limits_of_joints_with_descending_pulses() -> None:
+def test_limits_apply_to_a_joint_whose_pulses_descend() -> None:
     harness = RobotHarness(sign=-1)
     client = harness.client()
     assert harness.shared('g_highest').d[0] > harness.shared('g_lowest').d[0]
@@ -253,7 +253,25 @@ def test_next_go_starts_without_a_pause(harness: RobotHarness, client: Client) -
     assert sum(rested) <= len(started)
 
 
-def test_port_settings(harness: RobotHarness, client: Client) -> None:
+def test_single_point_is_executed_without_waiting_for_more(
+    harness: RobotHarness, client: Client
+) -> None:
+    begin = harness.robot.now
+    assert harness.stream(client, line(harness, 1)) == [(0, OK)]
+    harness.rest()
+    assert harness.robot.times[0] - begin < 0.07
+
+
+def test_arm_waits_for_each_of_the_first_points(harness: RobotHarness, client: Client) -> None:
+    for item in line(harness, 2):
+        client.send(request(item))
+        harness.run(0.02)
+        assert not harness.robot.times
+    harness.rest()
+    assert len(harness.robot.times) == 2
+
+
+def test_motion_port_has_the_configured_address(harness: RobotHarness, client: Client) -> None:
     settings = harness.robot.sockets[MOTION_PORT].settings
     assert (settings.host, settings.tcp_port) == ('192.168.0.2', 11000)
     assert client.open

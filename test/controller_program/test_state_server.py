@@ -90,7 +90,7 @@ def test_status_is_bit_exact(harness: RobotHarness, client: Client) -> None:
     assert encode(topic(expected), LITTLE_ENDIAN) in client.raw()
 
 
-def test_every_field_of_status(harness: RobotHarness, client: Client) -> None:
+def test_every_field_of_status_shows_its_condition(harness: RobotHarness, client: Client) -> None:
     assert status(harness, client) == Status(1, 0, 0, 0, 0, Mode.AUTO, 1)
     harness.robot.motors = False
     assert status(harness, client) == Status(0, 0, 0, 0, 0, Mode.AUTO, 0)

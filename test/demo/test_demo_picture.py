@@ -16,7 +16,6 @@ from epson_driver.robots import load_robot_model
 
 NAMES = ('a', 'b')
 PERIOD = 0.005
-SPEED = 0.5
 
 
 def smooth_step(share):
@@ -71,11 +70,7 @@ def test_stop_at_every_waypoint_is_counted(rest):
     assert measure(plan(WAYPOINTS), ptp(rest)).stops == 3
 
 
-def test_run_without_stops_has_none():
-    assert measure(plan(WAYPOINTS), through()).stops == 0
-
-
-def test_planned_stops_are_no_stops_of_the_run():
+def test_planned_stops_do_not_count_as_stops_of_the_run():
     times = np.arange(5.0)
     moving, still = np.full(2, 0.5), np.zeros(2)
     velocities = np.array([still, moving, still, moving, still])
@@ -87,15 +82,11 @@ def test_planned_stops_are_no_stops_of_the_run():
     assert measure(waiting, ptp(0.5)).commanded_stops == 1
 
 
-def test_late_state_is_no_stop():
+def test_late_joint_state_does_not_count_as_a_stop():
     run = through()
     positions = run.positions.copy()
     positions[400:402] = positions[399]  # no new position for 15 ms of the motion
     assert measure(plan(WAYPOINTS), recording(positions)).stops == 0
-
-
-def test_top_speed_is_measured():
-    assert measure(plan(WAYPOINTS), through()).top_speed == pytest.approx(1.0, rel=0.01)
 
 
 def test_planned_and_measured_times_are_found():
@@ -126,13 +117,6 @@ def test_rate_and_longest_gap_are_measured():
     assert figures.rate == pytest.approx(399 / (399 * PERIOD + 0.1))
 
 
-def test_exactly_passed_waypoints_have_no_deviation():
-    figures = measure(plan(WAYPOINTS), ptp())
-    assert figures.waypoint_deviation < 1e-3
-    assert figures.end_deviation == 0.0
-    assert figures.waypoint_times == pytest.approx([1000.5 + k for k in range(5)], abs=0.15)
-
-
 @pytest.mark.parametrize('deviation', [0.005, 0.03, 0.1])
 def test_missed_waypoint_has_its_deviation(deviation):
     shifted = [WAYPOINTS[0], WAYPOINTS[1], (1.0, 0.4 + deviation), *WAYPOINTS[3:]]
@@ -140,17 +124,6 @@ def test_missed_waypoint_has_its_deviation(deviation):
     # the nearest place on the line: joint a gives as much as joint b is missing
     assert deviation * 0.6 < figures.waypoint_deviation < deviation * 1.05
     assert (figures.waypoint_deviation <= MAX_DEVIATION_RAD) == (deviation < 0.02)
-
-
-def test_missed_end_has_its_deviation():
-    short = [*WAYPOINTS[:-1], (2.0, 0.85)]
-    figures = measure(plan(short), ptp())
-    assert figures.end_deviation == pytest.approx(0.05)
-
-
-def test_skipped_waypoint_has_its_deviation():
-    detour = [WAYPOINTS[0], WAYPOINTS[1], (1.0, -0.5), *WAYPOINTS[3:]]
-    assert measure(plan(detour), ptp()).waypoint_deviation > 0.3
 
 
 def test_crossing_path_is_matched_in_order():
@@ -163,13 +136,6 @@ def test_crossing_path_is_matched_in_order():
     assert figures.waypoint_deviation < 1e-3
     assert np.all(np.diff(figures.waypoint_times) > 0.5)
     assert figures.stops == 2
-
-
-def test_unmoved_arm_has_no_motion():
-    figures = measure(plan([WAYPOINTS[0]] * 2), recording(still(WAYPOINTS[0], 1.0)))
-    assert figures.stops == 0
-    assert figures.moved == 0.0
-    assert figures.end_deviation == 0.0
 
 
 def test_picture_is_written(tmp_path):

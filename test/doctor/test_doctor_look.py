@@ -11,7 +11,7 @@ from support.event_loop import run
 from support.sim_process import vacant_port
 
 from epson_driver.doctor.findings import Findings, Level
-from epson_driver.doctor.look import look_at, tell_look
+from epson_driver.doctor.look import look_at, report_look
 from epson_driver.inputs import InputError
 from epson_driver.remote_ethernet import answers
 from epson_driver.remote_ethernet.client import logged_in
@@ -34,7 +34,7 @@ def looked(profile, *, remote=True, real=False, monkeypatch=None, model=None):
 
 def findings_of(look):
     findings = Findings(lambda finding: None)
-    return tell_look(look, findings), {item.level: item for item in findings.all}
+    return report_look(look, findings), {item.level: item for item in findings.all}
 
 
 @pytest.mark.parametrize('profile', ['remote', 'spel', 'simulated'])
@@ -78,7 +78,7 @@ def test_inv1_only_remote_and_state_ports_are_opened(opened):
 @pytest.mark.parametrize(
     ('talk', 'text', 'remedy'),
     [
-        (answers_once(b'!Login,13\r\n'), 'the password is wrong', '--password'),
+        (answers_once(b'!Login,13\r\n'), 'the password is wrong', '--password-variable'),
         (silent, 'no reply', 'control device to Remote Ethernet'),
         (None, 'no controller answers', 'control device to Remote Ethernet'),
     ],

@@ -20,7 +20,6 @@ from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.simple_message import (
     LITTLE_ENDIAN,
     Framer,
-    IoInfo,
     JointPosition,
     JointTrajPt,
     ReplyCode,
@@ -33,6 +32,7 @@ from epson_driver.simple_message import (
     reply,
     topic,
 )
+from epson_driver.simple_message.io_messages import IoInfo
 
 OFF = Status(0, 0, 0, 0, 0, 2, 0)
 JOINTS = JointPosition(0, joint_data([0.1] * 6))
@@ -181,7 +181,7 @@ def found(findings, level):
         ),
         (
             sends(JOINTS, Status(0, 0, 2313, 1, 0, 2, 0)),
-            Level.HELD,
+            Level.INHIBIT,
             'error',
             '2313',
         ),

@@ -16,7 +16,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from support.driver_harness import (
     JOINTS,
-    LIMITS,
     Harness,
     Submitted,
     cell,
@@ -25,14 +24,13 @@ from support.driver_harness import (
     scripted_cell,
     simulated,
 )
-from support.event_loop import now, run, until
+from support.event_loop import now, until
 from support.spin_thread import SpinThread
 
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.remedy import Remedy
 from epson_driver.node.node import ClientNode
-from epson_driver.node.ros_process import RosLogHandler
 from epson_driver.processes.processes import free_ros_domain
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import ByteOrder, Dialect, Real, Status
@@ -337,16 +335,6 @@ async def test_feedback_messages_are_joint_states():
         assert harness.events.samples[-1][1] is sample
 
 
-async def test_every_state_message_is_one_event():
-    async with cell(enabled=False) as (harness, _):
-        link = harness.driver.state_link
-        await until(lambda: len(harness.events.samples) >= 100)
-        known = [status for status in harness.events.statuses if status[1] != Status()]
-        # the first joints have no velocity yet
-        assert len(harness.events.samples) + 1 + len(known) == link.statistics.frames_received
-        assert abs(len(harness.events.samples) / len(known) - 10.0) < 2.0
-
-
 @pytest.mark.parametrize('real', Real)
 @pytest.mark.parametrize('order', ByteOrder)
 async def test_points_have_byte_order_and_real_width_of_the_state(order, real):
@@ -399,17 +387,6 @@ async def test_cancelled_driver_ends_its_goal():
         assert goal.outcome.end is End.ABORTED
         assert 'the driver ended' in goal.outcome.text
         await until(lambda: not controller.moving)
-
-
-@pytest.mark.invariant(2)
-async def test_inv2_plan_at_a_limit_is_executed_inside_it():
-    async with cell() as (harness, _):
-        top = np.array(harness.at)
-        top[4] = LIMITS.position_max[4]
-        assert (await harness.submit(top).end()).end is End.SUCCEEDED
-        positions = np.array([sample.positions for _, sample in harness.events.samples])
-        assert np.all(positions <= LIMITS.position_max.astype(np.float32) + 1e-6)
-        assert abs(harness.at[4] - LIMITS.position_max[4]) < 1e-6
 
 
 PORTS = ('motion', 'state', 'io', 'remote')
@@ -470,31 +447,6 @@ async def test_each_client_drives_its_arm_after_the_other_shuts_down(make_node):
         await until(lambda: len(first.driver.robot.arrivals) > seen + 20)
         assert first.driver.gate.reason is None
         assert not second.driver.state_link.connected
-
-
-def test_driver_log_lines_name_their_node(make_node, capfd):
-    log = logging.getLogger('epson_driver')
-
-    async def scenario():
-        async with simulated() as (_, its), simulated() as (_, others):
-            left, right = make_node('left', its), make_node('right', others)
-            handler = RosLogHandler(left.get_logger())
-            log.addHandler(handler)
-            try:
-                async with driven(left), driven(right) as second:
-                    await until(lambda: second.driver.motion_link.connected)
-            finally:
-                log.removeHandler(handler)
-
-    level = log.level
-    log.setLevel(logging.INFO)
-    try:
-        run(scenario())
-    finally:
-        log.setLevel(level)
-    output = capfd.readouterr().err
-    assert '[right.arm]: motion link connected' in output
-    assert '[right.arm]: arm disabled' not in output
 
 
 async def test_estop_door_and_reset_of_a_disabled_arm_are_logged_once(caplog):

@@ -107,6 +107,7 @@ async def test_plan_with_a_long_rest_succeeds(smooth, rest):
         assert now() - start > times[-1]
 
 
+@pytest.mark.slow
 async def test_plan_that_ends_with_a_long_rest_succeeds():
     async with cell() as (harness, _):
         path = [pose(), pose(0.1), pose(0.1)]

@@ -26,7 +26,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.arm_commands import ArmCommands
 from epson_driver.driver.outcome import End
-from epson_driver.node import goal_server
+from epson_driver.node import loop_bridge
 from epson_driver.node.node import ClientNode
 from epson_driver.processes.processes import free_ros_domain
 from epson_driver.sim_controller.faults.fault_kinds import parse
@@ -186,7 +186,7 @@ class User:
 @pytest.mark.usefixtures('patient_driver')
 def test_no_goal_handle_remains_after_100_goals_with_cuts(monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    monkeypatch.setattr(goal_server, 'RESULT_TIMEOUT_S', KEPT)
+    monkeypatch.setattr(loop_bridge, 'RESULT_TIMEOUT_S', KEPT)
 
     async def scenario():
         ends = Counter()

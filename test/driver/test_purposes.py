@@ -3,6 +3,7 @@
 """The inhibits of each purpose, in their order: all apply at first and are removed one by one."""
 
 from types import SimpleNamespace as Fake
+from typing import Any
 
 import pytest
 
@@ -43,8 +44,9 @@ def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> Inh
 
     def link(name: str, cause: Cause) -> Fake:
         connected = cause not in wrong
+        state = LinkState.BACKING_OFF
         return Fake(
-            name=name, host='arm', port=1, connected=connected, state=LinkState.BACKING_OFF
+            name=name, host='arm', port=1, connected=connected, state=state, flags=(), failure=None
         )
 
     status = Status(
@@ -71,7 +73,7 @@ def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> Inh
         arm_state='the arm is moving',
         stopped_velocity=0.01,
     )
-    return InhibitTable(
+    result: Any = InhibitTable(
         Fake(
             state_link=link('state', Cause.NO_STATE_LINK),
             motion_link=link('motion', Cause.NO_MOTION_LINK),
@@ -79,17 +81,20 @@ def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> Inh
         robot,
         Fake(reason='for the test' if Cause.NOT_ENABLED in wrong else None, refusal=None),
         stopper,
-        Fake(
-            idle=Cause.GOAL_RUNS not in wrong,
-            busy=busy,
-            why_no_stream='',
-            stops=['stopped'] * (Cause.STOPPING in wrong),
-        ),
-        Fake(active=False, active_user=lambda: 'a stream' if Cause.STREAM in wrong else None),
         1.0,
         lambda: False,
         second_driver('another') if Cause.SECOND_DRIVER in wrong else None,
     )
+    result.goals = Fake(
+        idle=Cause.GOAL_RUNS not in wrong,
+        busy=busy,
+        why_no_stream='',
+        stops=['stopped'] * (Cause.STOPPING in wrong),
+    )
+    result.servo = Fake(
+        active=False, active_user=lambda: 'a stream' if Cause.STREAM in wrong else None
+    )
+    return result
 
 
 def inhibits(purpose: Purpose, **options: bool) -> list[str]:

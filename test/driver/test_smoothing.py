@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from epson_driver.driver import smoothing as smoothing_module
-from epson_driver.driver.delivery.trajectory_points import trajectory_points
+from epson_driver.driver.delivery.streaming import trajectory_points
 from epson_driver.driver.goal.goal import check_limits, check_start, untimed
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.smoothing import (
@@ -54,15 +54,6 @@ def test_resampled_points_are_equally_spaced_and_within_limits(period):
     assert PLAN.duration <= motion.duration < 1.3 * PLAN.duration + period
 
 
-def test_resampled_points_are_on_one_smooth_motion():
-    fine, coarse = resampled(0.004), resampled(0.04)
-    assert coarse.positions[1:-1] == pytest.approx(
-        fine.positions[10 : 10 * (len(coarse.times) - 1) : 10], abs=1e-6
-    )
-    errors, _ = passed(PLAN.positions, fine)
-    assert errors.max() < 1e-4
-
-
 def test_resampled_points_sent_respect_the_joint_velocities():
     points = trajectory_points(resampled(0.05), START, LIMITS, unmapped(len(LIMITS.names)))
     assert all(0.0 < point.velocity <= 1.0 for point in points)
@@ -92,6 +83,7 @@ def test_time_optimal_goal_keeps_the_path_of_the_plan(thin):
     assert free.duration < spline.duration - 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('thin', [False, True])
 def test_tolerance_removes_the_noise_of_a_recording(thin):
     """The times stay, and every point is passed within the tolerance."""
@@ -134,26 +126,6 @@ def test_minimum_tolerances_of_driver_and_smoother_are_equal():
     assert smoothed_module.MIN_TOLERANCE == MIN_TOLERANCE
 
 
-def test_retiming_keeps_the_points_of_the_plan():
-    plan = smoothed_trajectory(
-        untimed(POSITIONS_ONLY, LIMITS), START, LIMITS, Smoothing(None, True)
-    )
-    assert np.array_equal(plan.positions, PLAN.positions)
-    assert plan.times[0] == 0.0
-    assert np.all(np.diff(plan.times) > 0.0)
-    assert not plan.velocities[-1].any()
-    motion = resampled(0.004, time_optimal=True)
-    assert plan.duration == motion.duration
-    assert passed(PLAN.positions, motion)[1][1:-1] == pytest.approx(plan.times[1:-1])
-
-
-def test_retiming_removes_repeated_points():
-    positions = np.repeat(PLAN.positions, 3, axis=0)
-    plan = untimed(Trajectory(LIMITS.names, np.zeros(len(positions)), positions), LIMITS)
-    retimed = smoothed_trajectory(plan, START, LIMITS, Smoothing(None, True))
-    assert np.array_equal(retimed.positions, PLAN.positions)
-
-
 def test_first_point_with_a_time_is_approached_from_the_arm():
     start = np.zeros(6)
     plan = Trajectory(LIMITS.names, np.array([2.0]), START[None, :])
@@ -187,14 +159,6 @@ def test_positions_of_an_untimed_plan_are_checked(value, words):
     with pytest.raises(GoalRejectedError) as caught:
         check_limits(untimed(plan, LIMITS), LIMITS)
     assert words in str(caught.value)
-
-
-def test_start_outside_the_limits_is_refused():
-    start = START.copy()
-    start[0] = 3.0
-    plan = Trajectory(LIMITS.names, PLAN.times + 1.0, PLAN.positions)
-    with pytest.raises(ValueError, match=r'joint_1: position 3 is outside the limits -2\.9'):
-        smoothed_trajectory(plan, start, LIMITS, Smoothing(0.05))
 
 
 READ = 'import sys; sys.stdin.buffer.read1(); '

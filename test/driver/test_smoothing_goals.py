@@ -80,6 +80,20 @@ async def test_goal_without_times_is_retimed_and_executed():
         assert len(goal.handle.execution.goal.trajectory.times) == 3
 
 
+@pytest.mark.invariant(10)
+async def test_inv10_time_optimal_goal_keeps_the_scaling_of_its_plan():
+    async with cell(smoothing=Smoothing(None, True)) as (harness, _):
+        times = np.linspace(0.0, 5.0, 51)
+        share = 0.5 - 0.5 * np.cos(np.pi * times / times[-1])
+        plan = Trajectory(LIMITS.names, times, harness.at + share[:, None] * pose(0.5, 0.3))
+        goal = harness.execute(untimed(plan, LIMITS), planned=plan)
+        assert (await goal.end()).end is End.SUCCEEDED
+        sent = goal.handle.execution.goal.trajectory
+        assert 0.7 * times[-1] < sent.duration < 1.02 * times[-1]
+        peak = np.pi / 2 * 0.5 / times[-1]
+        assert np.abs(sent.velocities).max() < 1.001 * peak
+
+
 @pytest.mark.invariant(5)
 async def test_inv5_cancel_while_planning_ends_the_goal_as_canceled(slow):
     async with cell(smoothing=RESAMPLE) as (harness, _):
@@ -193,8 +207,8 @@ async def test_plan_is_refused_if_the_arm_moved_during_planning(monkeypatch):
     async with cell(smoothing=RESAMPLE) as (harness, _):
         prepared = SmoothingProcess.prepared
 
-        async def moved(process, trajectory, start):
-            plan = await prepared(process, trajectory, start + 0.5)
+        async def moved(process, trajectory, start, share):
+            plan = await prepared(process, trajectory, start + 0.5, share)
             return Trajectory(plan.joint_names, plan.times, plan.positions + 0.5)
 
         monkeypatch.setattr(SmoothingProcess, 'prepared', moved)
@@ -204,12 +218,13 @@ async def test_plan_is_refused_if_the_arm_moved_during_planning(monkeypatch):
         assert nothing_sent(harness)
 
 
+@pytest.mark.slow
 def test_stalled_event_loop_reads_a_new_pose_before_it_starts(monkeypatch):
     plan_in_real_time(monkeypatch)
     prepared = SmoothingProcess.prepared
 
-    async def stalled(process, trajectory, start):
-        motion = await prepared(process, trajectory, start)
+    async def stalled(process, trajectory, start, share):
+        motion = await prepared(process, trajectory, start, share)
         stand_still(1.0)
         return motion
 

@@ -64,7 +64,7 @@ def test_a_point_and_an_io_label_change_in_all_files_with_their_headers(tmp_path
 @pytest.mark.parametrize(
     ('old', 'new', 'text'),
     [
-        ('pick', 'Go', 'Go is a word of SPEL'),
+        ('pick', 'Go', 'Go is a reserved word of SPEL'),
         ('pick', 'P7', 'starts with a letter'),
         ('pick', 'a b', 'starts with a letter'),
         ('pick', 'help', 'help is another function already: main.prg:7'),
@@ -136,5 +136,5 @@ def test_spel_yaml_beside_the_project_has_the_version(tmp_path: Path) -> None:
         rules.append([item.rule for item in project.problems(version)[1]['main.prg']])
     assert rules == [['version'], [], ['version']]
     (tmp_path / 'spel.yaml').write_text('ports: 5\n')
-    with pytest.raises(InputError, match='must have items'):
+    with pytest.raises(InputError, match='must have lines ITEM: VALUE'):
         project.problems(None)

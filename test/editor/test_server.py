@@ -100,7 +100,7 @@ def project(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_session_with_a_client(project: Path) -> None:
+def test_client_uses_every_request_of_the_server(project: Path) -> None:
     async def play(editor: Editor) -> None:
         client, place = editor.client, editor.place
         shown = await editor.problems.get()
@@ -188,7 +188,7 @@ def test_problems_follow_typing_changed_files_and_deleted_files(project: Path) -
 
 
 @pytest.mark.skipif(shutil.which('nvim') is None, reason='needs Neovim: apt install neovim')
-def test_session_of_neovim(project: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_neovim_uses_the_server(project: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
     out = tmp_path_factory.mktemp('neovim') / 'out.json'
     environment = os.environ | {
         'SERVER': ' '.join(COMMAND),

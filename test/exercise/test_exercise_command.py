@@ -15,11 +15,11 @@ from epson_driver.cli import exercise
 from epson_driver.driver.outcome import End, ErrorCode, Outcome
 from epson_driver.exercise import cell as cell_module
 from epson_driver.exercise import runner
-from epson_driver.exercise.cell import SimulatedCell, standstill
+from epson_driver.exercise.cell import SimulatedCell
 from epson_driver.exercise.judge import Observed
 from epson_driver.exercise.runner import CASES
 from epson_driver.inputs import printable
-from epson_driver.node.goal_action import outcome_line
+from epson_driver.node.loop_bridge import outcome_line
 from epson_driver.processes import interrupt, processes
 from epson_driver.processes.interrupt import ENDING, INTERRUPTED
 from epson_driver.processes.processes import Ports, RunError
@@ -166,16 +166,3 @@ def test_fault_is_started_by_pendant_and_refusal_reported(empty_cell, monkeypatc
     assert commands_given[0].startswith('Sim,fault,cut')
     runner._help(empty_cell, replace(case, person=('reset', 'motors on')))
     assert len(commands_given) == 4  # a refusal does not prevent the next action
-
-
-@pytest.mark.invariant(3)
-def test_moving_or_unseen_arm_has_no_standstill():
-    times = np.arange(100) * 0.02
-    assert standstill(times, np.arange(100)[:, None] * 0.01) is None
-    assert standstill(np.array([]), np.zeros((0, 6))) is None
-
-
-def test_missing_recording_has_no_trajectories(tmp_path):
-    assert runner._trajectories(tmp_path / 'wire.pcap', 'c3_a601s') == 0
-    (tmp_path / 'wire.pcap').write_bytes(b'no capture')
-    assert runner._trajectories(tmp_path / 'wire.pcap', 'c3_a601s') == 0

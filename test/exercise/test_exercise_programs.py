@@ -10,7 +10,6 @@ from xml.etree import ElementTree
 import pytest
 
 from epson_driver.cli import exercise as command
-from epson_driver.exercise.runner import CASES
 
 PROGRAMS = Path(__file__).parent / 'programs'
 
@@ -43,9 +42,9 @@ def verdicts(junit):
 @pytest.mark.parametrize(
     ('name', 'expected', 'code'),
     [
-        pytest.param('good', 'passed', 0, marks=pytest.mark.slow),
-        pytest.param('hangs', 'hung', 1, marks=pytest.mark.slow),
-        ('repeats', 'moved after E-stop', 1),
+        ('good', 'passed', 0),
+        pytest.param('hangs', 'hung', 1, marks=pytest.mark.soak),
+        pytest.param('repeats', 'moved after E-stop', 1, marks=pytest.mark.soak),
     ],
 )
 def test_example_programs_have_different_verdicts(tmp_path, name, expected, code):
@@ -68,7 +67,9 @@ def test_example_programs_have_different_verdicts(tmp_path, name, expected, code
     ('controller', 'name', 'fault', 'expected'),
     [
         ('fanuc', 'good', 'cut', 'passed'),  # serves one state client: the driver
-        ('spel', 'good', 'motors_off', 'passed'),  # refused while main runs
+        pytest.param(  # refused while main runs
+            'spel', 'good', 'motors_off', 'passed', marks=pytest.mark.soak
+        ),
         ('spel', 'repeats', 'estop', 'moved after E-stop'),
     ],
 )
@@ -113,13 +114,6 @@ def test_program_without_motion_is_reported():
     run = exercise('--fault=estop', '--timeout=60', '--', sys.executable, '-c', 'print("hello")')
     assert run.returncode == 2
     assert 'without moving the arm' in ' '.join(run.stdout.split())
-
-
-def test_list_option_shows_every_case(monkeypatch, capsys):
-    monkeypatch.setattr(sys, 'argv', ['epson_driver exercise', '--list'])
-    assert command.main() == 0
-    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
-    assert listed == list(CASES)
 
 
 OTHER_PACKAGE = """

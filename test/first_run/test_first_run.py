@@ -20,17 +20,17 @@ from support.examples import quickly
 from epson_driver.cli.first_run import _Keyboard
 from epson_driver.doctor.controller_checks import Question
 from epson_driver.doctor.findings import Findings
-from epson_driver.first_run.book import (
+from epson_driver.first_run.record import (
     DONE,
     FAILED,
     SKIPPED,
     Entry,
     FirstRunRecord,
-    likeness,
     load,
+    replica_settings,
 )
 from epson_driver.first_run.run import CHOICES, go_through
-from epson_driver.first_run.steps import QUESTIONS, FirstRun, StepResult, steps
+from epson_driver.first_run.steps import FirstRun, StepResult, steps
 from epson_driver.inputs import InputError
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.sim_controller.condition.states import Event
@@ -301,11 +301,13 @@ TIMED = ['listen', 'questions', 'joint 1', 'STOP', 'points', 'E-stop', 'door']
     'options',
     [
         {},
-        {'profile': simpler(motion={'look_ahead_points': 5})},
-        {'profile': simpler(motion={'look_ahead': 0.3})},
-        {'smooth': False},
+        pytest.param(
+            {'profile': simpler(motion={'look_ahead_points': 5})}, marks=pytest.mark.soak
+        ),
+        pytest.param({'profile': simpler(motion={'look_ahead': 0.3})}, marks=pytest.mark.soak),
+        pytest.param({'smooth': False}, marks=pytest.mark.soak),
         # not a multiple of the 4 ms cycle, so that the arrival within a cycle is deterministic
-        {'faults': ['delay:seconds=0.102,port=motion']},
+        pytest.param({'faults': ['delay:seconds=0.102,port=motion']}, marks=pytest.mark.soak),
         {'faults': ['delay:seconds=0.06,port=state']},
     ],
     ids=['usual', 'points ahead', 'time ahead', 'rests', 'late replies', 'late state'],
@@ -313,7 +315,7 @@ TIMED = ['listen', 'questions', 'joint 1', 'STOP', 'points', 'E-stop', 'door']
 def test_simulation_from_the_record_has_the_same_times(tmp_path, options):
     """All measured times agree within 5 %."""
     book = first_day(tmp_path, only=TIMED, **{'profile': simpler()} | options)['book']
-    alike = likeness(book)
+    alike = replica_settings(book)
     again = first_day(
         tmp_path,
         alike.profile,
@@ -404,7 +406,9 @@ def test_step_without_a_controller_fails_with_the_reason(tmp_path):
 def test_file_of_another_program_is_refused(tmp_path, text):
     path = tmp_path / 'x.html'
     path.write_text(text)
-    with pytest.raises(InputError, match=r'x\.html: is not a first-run file: '):
+    with pytest.raises(
+        InputError, match=r'x\.html: must be a file written by `epson_driver first_run`: '
+    ):
         load(path)
 
 
@@ -423,7 +427,7 @@ def test_texts_are_escaped_on_the_page(tmp_path):
     book.entries[evil].trace = f'"{evil}'
     book.save(path)
     assert '<img' not in path.read_text()
-    with pytest.raises(InputError, match='is not a first-run file: '):
+    with pytest.raises(InputError, match='must be a file written by `epson_driver first_run`: '):
         load(path)
 
 
@@ -493,12 +497,3 @@ def test_every_moving_step_warns_before_it_starts(tmp_path):
     ]
     assert all('THE ARM MOVES' in item.says for item in moving)
     assert not [step for step in steps(6) if 'MOVES' in step.says and not step.moves]
-
-
-def test_open_questions_of_the_page_have_programs():
-    folder = Path(__file__).parents[2] / 'docs'
-    page = (folder / 'controller_program.md').read_text(encoding='utf-8')
-    asked = page[page.index('## Open questions') :]
-    assert {question for question in QUESTIONS if f'[{question}]' in asked} == QUESTIONS.keys()
-    for program in QUESTIONS:
-        assert (folder / 'examples' / 'spel' / program).is_file()

@@ -12,7 +12,7 @@ from support.event_loop import run as run_loop
 
 from epson_driver.doctor.controller_checks import Question
 from epson_driver.doctor.findings import Findings
-from epson_driver.first_run.book import DONE, FAILED, FirstRunRecord, load
+from epson_driver.first_run.record import DONE, FAILED, FirstRunRecord, load
 from epson_driver.first_run.run import CHOICES, go_through
 from epson_driver.first_run.steps import NEED_PROGRAM, FirstRun, steps
 from epson_driver.profiles import load_controller_profile
@@ -96,6 +96,7 @@ def test_robot_with_nothing_loaded_completes_its_steps(tmp_path):
     assert b'Login' not in sent  # the connection is the one of earlier steps
 
 
+@pytest.mark.slow
 def test_spel_program_serves_all_steps_by_one_connection_each(tmp_path, monkeypatch):
     opened = []
     from epson_driver.first_run import steps as module

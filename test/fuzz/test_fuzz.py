@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmark.fuzz import cases, controller_target, runner, socket_targets
-from benchmark.fuzz.cases import Case, FoundError, reduced
+from benchmark.fuzz import controller_target, runner, socket_targets
+from benchmark.fuzz.cases import Case, FoundError
 from benchmark.fuzz.runner import Fuzzer
 from benchmark.fuzz.targets import Target, in_process
 
@@ -42,7 +42,7 @@ def test_one_case_of_each_target_passes(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', TARGETS)
-def test_thousands_of_inputs_to_each_target_hold(name: str) -> None:
+def test_thousands_of_inputs_break_no_target(name: str) -> None:
     all_held(TARGETS[name], SEED + 1, 3_000)
 
 
@@ -54,42 +54,6 @@ def test_processes_withstand_random_input(name: str) -> None:
 
 
 # --- the fuzzer itself ------------------------------------------------------------------------
-
-
-class Faulty:
-    """A target that fails for three bytes in order."""
-
-    name = 'faulty'
-
-    def case(self, chance, _corpus):
-        steps = [('send', '', bytes([chance.randrange(4)])) for _ in range(100)]
-        return Case(self.name, tuple(steps))
-
-    def run(self, case):
-        sent = b''.join(step[2] for step in case.steps)
-        at = -1
-        for byte in b'\x01\x02\x03':
-            at = sent.find(byte, at + 1)
-            if at < 0:
-                return
-        raise FoundError('1, 2, 3')
-
-
-def test_found_case_is_reduced_and_saved(tmp_path: Path) -> None:
-    fuzzer = Fuzzer(Faulty(), SEED, tmp_path)
-    fuzzer.run(lambda figures: bool(figures.found))
-    (path,) = tmp_path.iterdir()
-    case = Case.read(path)
-    assert [step[2] for step in case.steps] == [b'\x01', b'\x02', b'\x03']
-    assert 'FoundError: 1, 2, 3' in fuzzer.figures.found[0]
-    assert path.name in fuzzer.figures.found[0]
-
-
-def test_same_seed_gives_the_same_inputs() -> None:
-    target = TARGETS['framer and decoder']
-    one, again, other = (target.case(runner.seeded(seed, 'x', 3), [b'abcd']) for seed in (1, 1, 2))
-    assert one == again
-    assert one != other
 
 
 def test_endless_case_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -111,11 +75,3 @@ def test_arm_that_moves_without_power_is_found(monkeypatch: pytest.MonkeyPatch) 
     world.controller.servo.actual[0] += 1e-9
     with pytest.raises(FoundError, match='without power has moved'):
         world.take(('send', 'state', b''))
-
-
-def test_case_is_unchanged_by_its_file(tmp_path: Path) -> None:
-    case = Case('x', (('send', 'motion', b'\x00\xff'), ('wait', 0.5), ('do', 'goal')))
-    (tmp_path / 'case.json').write_text(case.as_text(), encoding='utf-8')
-    assert Case.read(tmp_path / 'case.json') == case
-    assert reduced(case, lambda other: ('wait', 0.5) in other.steps).steps == (('wait', 0.5),)
-    assert cases.Case('x', ()).inputs == 0

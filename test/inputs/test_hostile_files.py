@@ -24,7 +24,7 @@ from support.longer_arm import arm_file
 from support.recorded_run import usual_run
 
 from epson_driver.error_texts import load_error_texts, read_error_texts
-from epson_driver.first_run.book import DONE, Entry, FirstRunRecord, likeness, load
+from epson_driver.first_run.record import DONE, Entry, FirstRunRecord, load, replica_settings
 from epson_driver.first_run.steps import StepResult
 from epson_driver.inputs import InputError, read_file, write_file
 from epson_driver.motion import Trajectory
@@ -275,7 +275,7 @@ READERS: dict[str, tuple[Callable[[Path], object], Callable[[Path], Path]]] = {
     'project': (lambda path: project_data(read_project(path), []), _project),
     'points of RC+': (lambda path: TaughtPoints().load(path), _points('x.pts')),
     'points': (lambda path: TaughtPoints().load(path), _points('x.yaml')),
-    'first day': (lambda path: likeness(load(path)), _first_day),
+    'first day': (lambda path: replica_settings(load(path)), _first_day),
     'trace': (
         lambda path: read_trace(path, MODEL.limits, load_error_texts()),
         lambda folder: usual_run().write(folder / 'x.pcap'),
@@ -287,7 +287,7 @@ READERS: dict[str, tuple[Callable[[Path], object], Callable[[Path], Path]]] = {
 SPEL_READS_NO_LINK = 'file of SPEL+'
 
 
-@pytest.mark.parametrize('name', one_in(2, READERS))
+@pytest.mark.parametrize('name', one_in(4, READERS))
 def test_inv7_reader_reads_or_refuses_any_file(name: str, tmp_path: Path) -> None:
     reader, made = READERS[name]
     original = tmp_path / 'original'
@@ -365,7 +365,7 @@ WRITERS: dict[str, tuple[Callable[[Path], object], str]] = {
 }
 
 
-@pytest.mark.parametrize('name', WRITERS)
+@pytest.mark.parametrize('name', one_in(3, WRITERS))
 def test_inv7_writer_replaces_whole_files_only(name: str, tmp_path: Path) -> None:
     writer, ending = WRITERS[name]
     victim = tmp_path / 'victim' / 'secret'

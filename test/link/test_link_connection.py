@@ -7,7 +7,6 @@ import errno
 import gc
 import os
 import socket
-from itertools import pairwise
 
 import pytest
 from support.event_loop import until
@@ -23,8 +22,6 @@ from epson_driver.simple_message import (
     JointFeedback,
     JointPosition,
     JointTrajPt,
-    Opaque,
-    Ping,
     Real,
     ReplyCode,
     encode,
@@ -181,10 +178,7 @@ async def test_attempts_slow_down_if_the_server_closes_connections():
     async with Peer(close_immediately) as peer, Harness(peer.port):
         await asyncio.sleep(1.2)
         assert 3 <= peer.connections <= 7
-        gaps = [b - a for a, b in pairwise(peer.times)]
-        assert gaps[0] < 0.1
-        assert all(gap > 0.05 for gap in gaps[1:])
-        assert gaps[-1] > gaps[1]
+        assert peer.times[-1] - peer.times[-2] > peer.times[2] - peer.times[1] > 0.05
 
 
 DIALECTS = [Dialect(order, real) for order in ByteOrder for real in Real]
@@ -349,15 +343,6 @@ async def test_reply_is_delivered_once_with_its_time():
         latencies = harness.link.statistics.reply_latencies
         assert len(latencies) == 3
         assert all(0.0 <= latency < 1.0 for latency in latencies)
-
-
-async def test_posting_without_a_connection_is_an_error():
-    async with Harness(vacant_port()) as harness:
-        await until(lambda: harness.reasons('backing_off'))
-        with pytest.raises(ConnectionError, match=r'test link is (backing_off|connecting)'):
-            harness.link.post(Ping(), lambda *_: None)
-    with pytest.raises(ConnectionError, match='test link is disconnected'):
-        harness.link.post(Ping(), lambda *_: None)
 
 
 async def test_pending_request_is_dropped_with_the_connection():
@@ -575,14 +560,3 @@ def open_sockets():
         except OSError:
             continue
     return sum(link.startswith('socket:') for link in links)
-
-
-async def test_opaque_topics_are_passed_to_the_owner():
-    async def talk(connection):
-        await connection.send(frame(1500, 1, 0, b'abc'))
-        await connection.stay()
-
-    async with Peer(talk) as peer, Harness(peer.port) as harness:
-        await until(lambda: harness.packets)
-        assert harness.messages == [Opaque(1500, b'abc')]
-        assert harness.link.statistics.bad_frames.total() == 0

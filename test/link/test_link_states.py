@@ -28,15 +28,6 @@ def test_open_link_is_disconnected_only_by_close():
         assert (following is LinkState.DISCONNECTED) == (event is LinkEvent.CLOSE)
 
 
-def test_published_state_names():
-    assert {state.value for state in LinkState} == {
-        'disconnected',
-        'connecting',
-        'connected',
-        'backing_off',
-    }
-
-
 def test_back_off_grows_from_zero_to_one_second():
     waits = [back_off(attempt) for attempt in range(1000)]
     assert waits[0] == 0.0

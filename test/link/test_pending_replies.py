@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from epson_driver.link.replies import PendingReplies, PendingRequest, command_of, sequence_of
+from epson_driver.link.replies import PendingReplies, PendingRequest
 from epson_driver.simple_message import (
     Frame,
     GetVersion,
@@ -55,7 +55,7 @@ def garbage(msg_type=10):
 
 
 def waiting_for(message, sent=0.0):
-    return PendingRequest(request(message).msg_type, sequence_of(message), sent, lambda *_: None)
+    return PendingRequest(message, sent, lambda *_: None)
 
 
 def answered(*steps):
@@ -137,7 +137,7 @@ STOPPING = JointTrajPt(STOP)
         ),
     ],
 )
-def test_reply_forms(steps, expected):
+def test_reply_of_each_controller_answers_its_request(steps, expected):
     assert answered(*steps) == expected
 
 
@@ -227,15 +227,10 @@ def test_motion_reply_answers_the_command_it_repeats():
     point, stop = JointTrajPtFull(0, 5, 7), MotionCtrl(0, 0, 200111)
     pending = PendingReplies()
     for message in (point, stop):
-        packet = request(message)
-        pending.add(
-            PendingRequest(
-                packet.msg_type, sequence_of(message), 0.0, lambda *_: None, command_of(message)
-            )
-        )
+        pending.add(waiting_for(message))
     stopped = pending.take(reply(MotionReply(0, 0, 200111, 0), OK))
     assert stopped is not None
-    assert stopped.command == 200111
+    assert stopped.message == stop
     assert pending.take(reply(MotionReply(0, 0, 200121, 0), OK)) is None
     answered_point = pending.take(reply(MotionReply(0, 5, 14, 0), OK))
     assert answered_point is not None

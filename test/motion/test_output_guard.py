@@ -18,7 +18,7 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Plan, Request, Smoother, plan
 from epson_driver.motion.smoother.output_guard import Motion, OutputGuard
 from epson_driver.motion.smoother.path import Knots
-from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
+from epson_driver.motion.time_parametrisation import TimeParametrisation
 
 pytestmark = pytest.mark.invariant(2, 3, 9)
 

@@ -80,3 +80,11 @@ def test_inv2_joints_stop_independently_if_a_synchronous_stop_fails(monkeypatch)
     assert motion.within(LIMITS)
     assert np.array_equal(motion.states[:, :, 0], STATE)
     assert motion.duration <= together.duration * (1.0 + 1e-9)
+
+
+def test_positions_at_many_times_are_those_at_each_time():
+    motion = fastest_stop(LIMITS, STATE)
+    times = np.linspace(0.0, 1.2 * motion.duration, 50)
+    expected = [motion.at(time)[0] for time in times.tolist()]
+    assert motion.positions(times) == pytest.approx(np.array(expected), abs=1e-15)
+    assert motion.positions(np.empty(0)).shape == (0, 6)

@@ -196,7 +196,7 @@ def test_plan_beyond_the_limits_takes_longer() -> None:
     assert smooth(CURVE, LIMITS, PLAN.times / 100).duration > PLAN.duration / 10
 
 
-def test_every_keeps_both_ends() -> None:
+def test_every_third_sample_keeps_both_ends() -> None:
     motion = smoothed(PLAN, LIMITS)
     some = every(motion, 3)
     assert np.array_equal(some.positions[:-1], motion.positions[::3][: len(some.times) - 1])

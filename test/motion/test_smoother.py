@@ -281,7 +281,7 @@ def test_limits_can_change_at_rest_only(first: float, then: float) -> None:
         smoother.append(point, 0.05)
     for _ in range(300):
         smoother.step(DT)
-    with pytest.raises(RuntimeError, match='cannot change: only at rest'):
+    with pytest.raises(RuntimeError, match='can only change while the arm is at rest'):
         smoother.change_limits(slow(then))
     smoother.hold()
     while not smoother.at_rest:
@@ -310,7 +310,7 @@ def test_single_move_takes_as_long_as_point_to_point(distance: float, mode: Mode
     assert (len(position) - 1) * DT <= 1.001 * fastest + DT
 
 
-def test_repeated_point_with_a_duration_commands_a_rest() -> None:
+def test_arm_rests_if_a_point_is_repeated_with_a_duration() -> None:
     smoother = Smoother(LIMITS, HOME)
     points = arc(20)
     for point in points[:10]:

@@ -17,7 +17,7 @@ from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.planner import BRANCH
 from epson_driver.motion.smoother.request import MAX_EFFORT_US, Effort, Plan, Problem, Request
-from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation, from_pieces
+from epson_driver.motion.time_parametrisation import TimeParametrisation, from_pieces
 from epson_driver.share import share_path
 from epson_driver.trajectory_file import read_trajectory
 
@@ -205,7 +205,7 @@ def test_resumed_arm_follows_its_path_if_the_search_fails(
     assert limit_usage(Path(result.knots), result.timing, ARM).allowed
 
 
-def test_plan_from_rest_is_found_after_the_effort_is_spent(
+def test_plan_from_rest_is_found_without_remaining_effort(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def in_vain(problem: Problem, *_: object, **__: object) -> None:

@@ -18,7 +18,7 @@ from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Knots, Path, through
 from epson_driver.motion.smoother.request import Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
-from epson_driver.motion.smoother.time_parametrisation import (
+from epson_driver.motion.time_parametrisation import (
     TimeParametrisation,
     from_pieces,
 )
@@ -122,7 +122,7 @@ def test_optimal_timing_is_the_fastest_and_uses_the_limits() -> None:
     assert load.jerk.max() > 0.9
 
 
-def test_optimal_timing_on_a_straight_line_equals_ruckig_s() -> None:
+def test_optimal_timing_on_a_straight_line_agrees_with_ruckig() -> None:
     path = through(at_rest((-1.0, -1.0)), np.array([[1.0, 1.0]]), LIMITS, clamped=False)
     problem = unbound(path)
     best = optimal.propose(problem, SpeedBounds(problem))

@@ -215,7 +215,7 @@ def formerly_failed(*pieces: tuple[str, int], **values: object) -> Scenario:
 
 @pytest.mark.timeout(900)
 @settings(
-    max_examples=examples(25),
+    max_examples=examples(15),
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 # a joint grazed its position limit near a point on it

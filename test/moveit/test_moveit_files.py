@@ -185,6 +185,7 @@ def test_scara_has_four_joints_and_a_full_pose_solver() -> None:
 
 
 @pytest.mark.parametrize('model', one_in(2, ['gx8_c552s', 'c4_a901s']))
+@pytest.mark.slow
 def test_generated_package_works_with_moveit_configs_builder(model: str, tmp_path: Path) -> None:
     """File names follow moveit_configs_utils of Jazzy."""
     folder = tmp_path / f'{model}_moveit_config'

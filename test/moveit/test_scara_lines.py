@@ -90,17 +90,6 @@ def test_line_is_followed_with_constant_tool_rotation(name: str) -> None:
     assert np.all(joints <= arm.model.limits.position_max)
 
 
-def test_position_only_ik_would_not_move_joint_4() -> None:
-    """This is the reason for position_only_ik: false."""
-    arm = Kinematics(load_robot_model('gx8_c652s'))
-    pose, seed = ready(arm)
-    pose[:3, 3] += (-0.1, 0.1, 0.0)
-    result = solved(arm, pose, seed, 3)
-    assert result is not None
-    assert result[3] == seed[3]
-    assert np.abs(twist(arm.forward(result), pose)[3:]).max() > 0.05
-
-
 def test_tilted_pose_has_no_solution() -> None:
     arm = Kinematics(load_robot_model('gx8_c652s'))
     pose, seed = ready(arm)

@@ -18,8 +18,6 @@ import pinocchio
 from support.self_collision import CollisionBodies, random_configurations
 
 MODELS = robot_models()
-ROS_1_PAIRS = {(1, 3), (2, 5), (2, 6), (3, 5), (3, 6)}
-"""Pairs that never collide according to the ROS 1 package epson_c3_support."""
 
 SAMPLES = 2_500
 
@@ -64,33 +62,6 @@ def test_disabled_pairs_never_collide(model: str) -> None:
         seen |= bodies.touching(angles)
     checked = {bodies.pairs[index] for index in seen}
     assert checked & free == set()
-
-
-def test_c3_disables_the_pairs_of_ros_1() -> None:
-    root = ElementTree.fromstring(srdf('c3_a601s'))
-    result = {(pair.get('link1'), pair.get('link2')) for pair in root.iter('disable_collisions')}
-    assert {(f'link_{first}', f'link_{second}') for first, second in ROS_1_PAIRS} <= result
-
-
-def test_sampling_detects_a_colliding_pair() -> None:
-    model = load_robot_model('c3_a601s')
-    bodies = CollisionBodies(model)
-    pair = bodies.pairs.index(('base_link_inertia', 'link_4'))
-    assert any(
-        pair in bodies.touching(angles) for angles in random_configurations(model.limits, 2_000, 1)
-    )
-
-
-def test_samples_are_reproducible_and_within_limits() -> None:
-    limits = load_robot_model('c3_a601s').limits
-    samples = np.array(list(random_configurations(limits, 500, 3)))
-    again = np.array(list(random_configurations(limits, 500, 3)))
-    np.testing.assert_array_equal(samples, again)
-    assert np.all(samples >= limits.position_min)
-    assert np.all(samples <= limits.position_max)
-    at_ends = (samples == limits.position_min) | (samples == limits.position_max)
-    assert not at_ends[::2].any()
-    assert 0.4 < at_ends[1::2].mean() < 0.6
 
 
 def test_pinocchio_reads_the_srdf() -> None:

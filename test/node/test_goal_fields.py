@@ -22,9 +22,9 @@ from trajectory_msgs.msg import JointTrajectoryPoint, MultiDOFJointTrajectoryPoi
 
 from epson_driver.driver.goal.goal import checked_goal
 from epson_driver.driver.outcome import GoalRejectedError
-from epson_driver.node.goal_action import GoalRequests
 from epson_driver.node.io_interface import refusal
 from epson_driver.node.motion_primitives import primitives_from_message
+from epson_driver.node.trajectory_messages import GoalRequests
 from epson_driver.robots import load_robot_model
 from epson_driver.setup.setup import make_setup
 
@@ -320,3 +320,20 @@ def test_docs_table_has_every_field_and_each_row_has_cases():
     assert len({*rows}) == len(rows)
     assert {*rows} == {field for goal in GOALS for field in fields(goal, rows)}
     assert {*rows} == {row for _, row, *_ in CASES if row != 'trajectory.motions.poses'}
+
+
+@pytest.mark.invariant(10)
+@pytest.mark.parametrize(
+    ('settings', 'bounded'),
+    [
+        ({}, False),
+        ({'timing': 'time_optimal'}, True),
+        ({'timing': 'time_optimal', 'plan_scaling': False}, False),
+    ],
+)
+def test_inv10_time_optimal_goal_keeps_the_plan_that_bounds_it(settings, bounded):
+    requests = GoalRequests(make_setup(settings), None, lambda: LOOP_NOW)
+    planned = requests.checked_goal(motion_to(0.0, 0.3)).planned
+    assert (planned is not None) == bounded
+    if planned is not None:
+        assert planned.times.tolist() == [0.0, 1.0]

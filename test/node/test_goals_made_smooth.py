@@ -11,16 +11,22 @@ import pytest
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration, Time
 from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTolerance, JointTrajectoryControllerState
+from sensor_msgs.msg import JointState
 from support.event_loop import now, until
 
-from epson_driver.driver.goal.planning_scope import PlanningScope
+from epson_driver.driver.goal.planning_cancellation import PlanningCancellation
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.motion import Trajectory
 from epson_driver.motion.interpolation import Interpolation
 from epson_driver.node import downstream, smooth_goals
-from epson_driver.node.downstream import Downstream, Sent
+from epson_driver.node.downstream import ArmState, Downstream, Sent
 from epson_driver.node.smooth_goals import TABLE, SmoothGoals
-from epson_driver.node.trajectory_messages import trajectory_from_message, trajectory_message
+from epson_driver.node.trajectory_messages import (
+    duration_in_s,
+    trajectory_from_message,
+    trajectory_message,
+)
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.limit_files import file_limits
 
@@ -42,10 +48,13 @@ class Behind:
     """The downstream driver, whose arm follows its commands exactly."""
 
     name = '/behind/follow_joint_trajectory'
+    no_server = f'no server for the action {name}'
 
     def __init__(self):
         self.available = self.keeps_stamps = self.tells = self.cancels = True
         self.refuses, self.silent, self.scaling = [], None, 1.0
+        self.ahead = 0.0
+        """Error of its clock, s."""
         self.taken, self.canceled = [], 0
         self.spline, self.begin, self.held = None, 0.0, None
 
@@ -73,7 +82,7 @@ class Behind:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, self.refuses.pop())
         before = self.commanded()[0]
         stamp = goal.trajectory.header.stamp
-        self.begin = stamp.sec + stamp.nanosec / NS or now()
+        self.begin = stamp.sec + stamp.nanosec / NS - self.ahead if stamp.sec else now()
         points = trajectory_from_message(goal.trajectory, NAMES)
         self.spline = Interpolation(
             points.times, points.positions, points.velocities, points.accelerations
@@ -101,7 +110,7 @@ class AcceptedGoal:
                 return SUCCEEDED
             if behind.tells:
                 feedback = FollowJointTrajectory.Feedback(joint_names=list(NAMES))
-                feedback.header.stamp = stamped(Time, now())
+                feedback.header.stamp = stamped(Time, now() + behind.ahead)
                 feedback.desired.time_from_start = stamped(Duration, behind.elapsed())
                 feedback.desired.positions = behind.commanded()[0].tolist()
                 self._on_feedback(feedback)
@@ -170,10 +179,10 @@ class Front:
         if ahead is not None:
             message.header.stamp = stamped(Time, now() + ahead)
         request = FollowJointTrajectory.Goal(trajectory=message, **fields)
-        feedback, scope = [], PlanningScope()
+        feedback, scope = [], PlanningCancellation()
         handle = SimpleNamespace(request=request, publish_feedback=feedback.append)
         ended = asyncio.get_running_loop().create_future()
-        goal = (await self.goals._prepare(handle, scope))(ended.set_result)
+        goal = await self.goals._prepare(handle, scope, ended.set_result)
         self.goals.submit(goal)
         return SimpleNamespace(goal=goal, feedback=feedback, ended=ended)
 
@@ -192,25 +201,32 @@ class Front:
 
 
 async def test_goal_becomes_a_smooth_motion_with_the_same_end(monkeypatch):
-    front = Front(monkeypatch)
+    front, path = Front(monkeypatch), [JointTolerance(name='joint_1', position=0.05)]
     assert 'unknown parameter `leed`' in front.logged
-    sent = await front.goal((0.0, START), (0.7, np.mean([START, FAR], axis=0)), (1.2, FAR))
+    points = (0.0, START), (0.7, np.mean([START, FAR], axis=0)), (1.2, FAR)
+    sent = await front.goal(*points, path_tolerance=path, goal_time_tolerance=Duration(sec=2))
     assert await sent.ended == SUCCEEDED
     assert np.abs(front.behind.commanded()[0] - FAR).max() < 1e-9
     assert sent.feedback[-1].joint_names == list(NAMES)
     (taken,) = front.behind.taken
     assert all(len(point.accelerations) == 6 for point in taken.trajectory.points)
+    assert taken.path_tolerance == path
+    later = front.behind.spline.times[-1] - 1.2
+    assert duration_in_s(taken.goal_time_tolerance) == pytest.approx(2.0 - later)
 
 
-async def test_time_optimal_motion_is_as_fast_as_the_limits_allow(monkeypatch):
+@pytest.mark.invariant(10)
+async def test_inv10_time_optimal_motion_is_as_slow_as_the_plan_was_scaled(monkeypatch):
     front = Front(monkeypatch, timing='time_optimal')
     assert await (await front.goal((9.0, FAR))).ended == SUCCEEDED
-    assert front.behind.spline.times[-1] < 3.0
+    assert 6.0 < front.behind.spline.times[-1] < 9.5
 
 
 @pytest.mark.invariant(2, 3, 5)
-async def test_cancel_brakes_on_the_path_without_a_jump(monkeypatch):
+@pytest.mark.parametrize('ahead', [0.0, 3.0])
+async def test_cancel_brakes_on_the_path_without_a_jump(monkeypatch, ahead):
     front = Front(monkeypatch)
+    front.behind.ahead = ahead
     sent = await front.goal((0.0, START), (6.0, FAR))
     await front.until_moving()
     front.goals.cancel(sent.goal)
@@ -263,13 +279,26 @@ async def test_goal_is_canceled_downstream_if_braking_is_impossible(
     assert any('was not smooth' in text for text in front.logged)
 
 
+async def test_goal_waits_for_a_driver_that_is_discovered_after_it(monkeypatch):
+    front = Front(monkeypatch)
+    front.behind.available = False
+    sent = await front.goal((0.0, START), (3.0, FAR))
+    await asyncio.sleep(smooth_goals.REST_TIMEOUT_S / 2)
+    assert not sent.ended.done()
+    front.behind.available = True
+    assert await sent.ended == SUCCEEDED
+    front.behind.available = False
+    assert (await (await front.goal((1.0, FAR))).ended).text == front.behind.no_server
+
+
 @pytest.mark.invariant(5, 6)
 async def test_arm_with_unknown_state_is_stopped(monkeypatch):
     front = Front(monkeypatch)
     sent = await front.goal((0.0, START), (6.0, FAR))
     await front.until_moving()
     front.behind.silent = 'joint_1 is unknown'
-    assert 'joint_1 is unknown, it braked' in (await sent.ended).text
+    expected = 'joint_1 is unknown, it braked, whether the arm is at rest is unknown'
+    assert (await sent.ended).text == expected
     front.behind.silent = None
     again = await front.goal((6.0, FAR))
     await front.until_moving()
@@ -383,11 +412,7 @@ async def test_shutdown_brakes_the_goal_and_rejects_new_ones(monkeypatch):
 async def test_failed_feedback_is_reported(monkeypatch):
     front = Front(monkeypatch)
     sent = await front.goal((0.0, START), (1.0, FAR))
-
-    def fails(_feedback):
-        raise ZeroDivisionError
-
-    sent.goal.on_feedback = fails
+    sent.goal.on_feedback = lambda _feedback: 1 / 0
     await sent.ended
     assert front.failures[0][0] == 'passing feedback on'
 
@@ -409,6 +434,41 @@ class Answer:
 
     def result(self):
         return self._value
+
+
+@pytest.mark.invariant(10)
+async def test_joint_states_are_used_only_if_the_driver_has_no_state_of_its_own():
+    topics, publishers = {}, []
+    node = SimpleNamespace(
+        create_subscription=lambda _kind, topic, callback, *_, **__: topics.update(
+            {topic: callback}
+        ),
+        count_publishers=publishers.count,
+    )
+    driver = SimpleNamespace(name='/jtc/follow_joint_trajectory', available=False)
+    arm = ArmState(node, driver, None)
+
+    def joint_1():
+        return arm.of(LIMITS, 1.0)[0][0]
+
+    async def refused_for(seconds):
+        for _ in range(10):
+            with pytest.raises(GoalRejectedError, match='no publisher of /jtc/controller_state'):
+                joint_1()
+            await asyncio.sleep(seconds / 10)
+        topics['joint_states'](JointState(name=NAMES, position=[0.1] * 6))
+
+    await refused_for(5.0)
+    driver.available = True
+    await refused_for(downstream.OWN_TOPIC_S)
+    assert joint_1() == 0.1
+    publishers.append('/jtc/controller_state')
+    with pytest.raises(GoalRejectedError, match='no position of joint_1 on /jtc/controller_state'):
+        joint_1()
+    message = JointTrajectoryControllerState(joint_names=NAMES)
+    message.feedback.positions = [0.2] * 6
+    topics['/jtc/controller_state'](message)
+    assert joint_1() == 0.2
 
 
 QUERY = ('/jtc/query_state', ['some/type'])

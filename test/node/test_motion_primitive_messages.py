@@ -108,9 +108,9 @@ WRONG = {
     'frame': ((motion(50, poses=[pose(frame='world')]),), "'world': must be in left_base_link"),
     'quaternion': (
         (motion(50, poses=[pose(quaternion=(0.0,) * 4)]),),
-        r'poses\[0\]: the orientation .* must have length 1',
+        r'poses\[0\]: the quaternion .* has length 0: must be 1',
     ),
-    'quaternion nan': ((motion(50, poses=[pose(quaternion=(NAN, 0.0, 0.0, 1.0))]),), 'length 1'),
+    'quaternion nan': ((motion(50, poses=[pose(quaternion=(NAN, 0.0, 0.0, 1.0))]),), 'be finite'),
     'place': ((motion(50, poses=[pose(NAN)]),), r'poses\[0\]: the position .* finite'),
     'via': ((motion(51, poses=[pose(), pose(0.0, NAN)]),), r'poses\[1\]: the position'),
     'argument': (

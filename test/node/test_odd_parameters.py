@@ -103,11 +103,11 @@ def started(name, literal, context):
 
 
 PARTS = 4
-"""`make test` tries one part of ODD per parameter, and `make test-all` all parts."""
+"""`make test` and `make test-all` try one part of ODD per parameter, and `make soak-tests` all."""
 
 
 @pytest.mark.parametrize(
-    'part', [0, *(pytest.param(part, marks=pytest.mark.slow) for part in range(1, PARTS))]
+    'part', [0, *(pytest.param(part, marks=pytest.mark.soak) for part in range(1, PARTS))]
 )
 @pytest.mark.parametrize('name', quickly(['remote_port'], ROWS, several=False))
 def test_odd_value_is_used_or_rejected_by_the_parameter_s_name(name, part, context):

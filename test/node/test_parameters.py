@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from epson_driver.inputs import InputError
-from epson_driver.node.parameters import declare, descriptor, undeclared
+from epson_driver.node.parameters import declare, undeclared
 from epson_driver.processes.processes import free_ros_domain
 from epson_driver.setup.table import JOINTS, TABLE, joint_rows
 
@@ -59,10 +59,6 @@ def dotted(name):
     return name.replace('.', '__')
 
 
-def written(value):
-    return str(value).lower() if isinstance(value, bool) else value
-
-
 def test_parameters_have_their_defaults(node):
     values = declare(node())
     assert values['robot_ip'] == '127.0.0.1'
@@ -104,11 +100,6 @@ def test_custom_joint_names_have_the_units_of_the_model(node):
     assert values['joint_names'] == ['a', 'b', 'lift', 'spin']
     assert values['constraints.lift.goal'] == 0.001
     assert values['constraints.spin.goal'] == 0.01
-
-
-def test_unknown_robot_model_lists_the_known_ones(node):
-    with pytest.raises(InputError, match=r'^parameter robot_model = .c9.: no robot model c9'):
-        declare(node(robot_model='c9'))
 
 
 def test_every_parameter_has_description_type_and_bounds(node):
@@ -176,16 +167,6 @@ def test_other_parameters_can_be_changed_within_their_range(node, row):
         assert made.get_parameter(row.name).value == good
 
 
-def test_connection_parameters_are_read_only():
-    for name in ('robot_ip', 'motion_port', 'state_port', 'joint_names', 'robot_model'):
-        assert descriptor(ROWS[name]).read_only
-
-
-def test_wrong_type_is_rejected(node):
-    with pytest.raises(ParameterException, match='motion_port'):
-        declare(node(motion_port='eleven'))
-
-
 @pytest.mark.parametrize(
     ('name', 'given', 'value'),
     [
@@ -205,14 +186,6 @@ def test_whole_number_is_accepted_for_a_double(node, name, given, value):
 def test_other_types_are_refused_for_a_double(node, given):
     with pytest.raises(ParameterException, match='state_timeout'):
         declare(node(state_timeout=given))
-
-
-def test_each_joint_name_has_its_parameters(node):
-    values = declare(node(joint_names='[b, a]', constraints__b__goal=0.5))
-    assert values['joint_names'] == ['b', 'a']
-    assert values['constraints.b.goal'] == 0.5
-    assert values['constraints.a.goal'] == 0.01
-    assert not [name for name in values if 'joint_1' in name]
 
 
 @pytest.mark.parametrize('names', ['[a, a]', "[a, '']"])
@@ -270,6 +243,11 @@ def test_undeclared_parameter_is_named_with_the_nearest_match(node):
     }
 
 
+def test_robot_file_as_a_parameter_is_refused(node):
+    with pytest.raises(InputError, match=r'^parameter robot: .* client robot\.yaml$'):
+        declare(node(robot='robot.yaml'))
+
+
 def test_rclpy_has_the_private_list_of_parameter_overrides(node):
     """If this fails, `undeclared` needs another source of the overrides."""
     assert set(node(qqq=1)._parameter_overrides) == {'qqq'}
@@ -281,9 +259,3 @@ def test_missing_list_of_overrides_is_reported(node):
     del made._parameter_overrides
     (sentence,) = undeclared(made)
     assert 'misspelled ones are ignored' in sentence
-
-
-def test_declared_parameters_are_not_reported_as_undeclared(node):
-    made = node(robot_ip='127.0.0.1', smoothing='none', constraints__goal_time=1.0)
-    declare(made)
-    assert list(undeclared(made)) == []

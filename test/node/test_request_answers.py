@@ -15,13 +15,12 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.goal.goal_queue import GoalHandle
-from epson_driver.driver.goal.planning_scope import PlanningScope
+from epson_driver.driver.io.gripper_wiring import GripperWiring
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
-from epson_driver.node import goal_action, goal_server, io_interface
-from epson_driver.node.goal_action import ActionType, GoalAction
+from epson_driver.node import goal_server, loop_bridge
 from epson_driver.node.goal_server import GoalServer
 from epson_driver.node.io_interface import GripperServer
-from epson_driver.node.loop_bridge import DriverEndedError, NodeContext
+from epson_driver.node.loop_bridge import DriverEndedError, GoalAction, NodeContext
 from epson_driver.node.servo_interface import ServoInterface
 from epson_driver.setup.setup import make_setup
 
@@ -60,25 +59,25 @@ class Queue:
 @pytest.fixture
 def action(made, monkeypatch):
     """Return a function that makes an action and its queue from `prepare`."""
-    monkeypatch.setattr(goal_action, 'ActionServer', lambda *_, **__: None)
+    monkeypatch.setattr(loop_bridge, 'ActionServer', lambda *_, **__: None)
 
     def make(prepare):
         queue = Queue()
-        kind = ActionType(None, '~/x', prepare, lambda outcome: outcome, 60)
-        return GoalAction(kind, queue, made.bridge), queue
+        action = GoalAction(made.bridge, queue, None, '~/x', prepare, lambda outcome: outcome)
+        return action, queue
 
     return make
 
 
 def raises(error):
-    async def prepare(_handle, _plan):
+    async def prepare(_handle, _plan, _on_end):
         raise error
 
     return prepare
 
 
-async def ready(_handle, _plan):
-    return partial(GoalHandle, None, on_feedback=lambda *_: None)
+async def ready(_handle, _plan, on_end):
+    return GoalHandle(None, on_end, lambda *_: None)
 
 
 REJECTED = GoalRejectedError(ErrorCode.INVALID_JOINTS, 'no joint_7')
@@ -127,13 +126,13 @@ def test_goal_canceled_during_submission_is_canceled_in_the_queue(made, action):
 @pytest.mark.invariant(9)
 def test_failing_cancel_request_is_rejected(made, action, monkeypatch):
     goals, _ = action(ready)
-    handle = RosHandle()
+    handle, cancels = RosHandle(), []
     key = handle.goal_id.uuid
     assert goals._cancel(handle) is CancelResponse.ACCEPT  # the goal has ended
-    goals._requests[key] = goal_action._Request(plan := PlanningScope())
+    goals._cancel_of[key] = partial(cancels.append, 'canceled')
     assert goals._cancel(handle) is CancelResponse.ACCEPT
     made.turn()
-    assert plan.why == 'canceled before it could start'
+    assert cancels == ['canceled']
     monkeypatch.setattr(made.bridge, 'to_loop', lambda *_: 1 // 0)
     goals._logger.lines.clear()
     with monkeypatch.context() as patch:
@@ -251,10 +250,8 @@ def test_setpoint_is_accepted_or_rejected_and_an_empty_one_stops(made, monkeypat
     [(DriverEndedError(), 'the driver has ended'), (ZeroDivisionError('x'), None)],
 )
 def test_gripper_goal_with_unknown_state_is_aborted(made, monkeypatch, error, logged):
-    monkeypatch.setattr(io_interface, 'ActionServer', lambda *_, **__: None)
-    wiring = io_interface.GripperWiring(
-        open_output=0, close_output=1, opened_input=0, closed_input=1
-    )
+    monkeypatch.setattr(loop_bridge, 'ActionServer', lambda *_, **__: None)
+    wiring = GripperWiring(open_output=0, close_output=1, opened_input=0, closed_input=1)
     server = GripperServer(context(made, io=None), wiring)
     handle = RosHandle(request=GripperCommand.Goal())
 

@@ -5,7 +5,6 @@
 import asyncio
 import contextlib
 import re
-import runpy
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +24,7 @@ from support.event_loop import run as run_scenario
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.goal.goal import GoalSettings
-from epson_driver.driver.goal.timing_monitor import Timing
+from epson_driver.driver.goal.reference import Timing
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.node.node import ClientNode
 from epson_driver.node.parameters import rejection
@@ -147,14 +146,6 @@ def test_sros2_policy_lets_an_observer_stop_but_not_move_the_arm():
     requests = {f'{NODE}/{name}' for name in ('stop', 'disable', 'read_io')}
     assert allowed('/epson_observer', 'services', 'request') == requests
     assert not allowed('/epson_observer', 'actions', 'call')
-
-
-def test_page_names_and_site_describes_every_parameter():
-    rows = [row.name for row in (*TABLE, *joint_rows('<joint>'))]
-    named = re.findall(r'`([a-z][\w.<>]*)`', section('Parameters'))
-    assert sorted(set(named)) == sorted(rows)
-    make = runpy.run_path(str(DOCS / 'make_tables.py'))
-    assert re.findall(r'(?m)^\* `(.*?)` \(', ''.join(make['parameters']())) == rows
 
 
 def test_every_declared_parameter_is_described(made):

@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from epson_driver.driver.servo.setpoint import Mode, Setpoint
+from epson_driver.driver.servo.setpoint import Mode
 from epson_driver.node.servo_interface import (
     SetpointError,
     from_jog,
@@ -61,18 +61,10 @@ def test_window_keeps_future_points_and_the_one_before():
     fractions = np.linspace(0.5, 1.0, 11)
     np.testing.assert_allclose(setpoint.window.positions, np.outer(fractions, VALUES))
     np.testing.assert_allclose(setpoint.window.velocities, np.tile(VALUES, (11, 1)))
-
-
-def test_window_with_missing_velocities_has_none():
     message = window()
     message.points[-2].velocities = []
     assert from_trajectory(message, NAMES, 'x', NOW).window.velocities is None
-
-
-def test_past_window_is_its_last_point():
-    setpoint = from_trajectory(window(ends=-0.01), NAMES, 'x', NOW)
-    assert setpoint.window is None
-    np.testing.assert_array_equal(setpoint.positions, VALUES)
+    assert from_trajectory(window(ends=-0.01), NAMES, 'x', NOW).window is None
 
 
 def stuck(message):
@@ -167,8 +159,3 @@ def test_nan_velocity_is_found_by_the_driver():
     message = JointJog(joint_names=['a'], velocities=[math.nan])
     problem = from_jog(message, NAMES, 'x').problem(load_robot_model('c3_a601s').limits)
     assert problem == 'joint_1: velocities = nan is not finite'
-
-
-def test_setpoint_without_values_is_invalid():
-    limits = load_robot_model('c3_a601s').limits
-    assert Setpoint('x').problem(limits) == 'it has neither positions nor velocities'

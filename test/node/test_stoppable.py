@@ -67,7 +67,7 @@ def test_motion_and_its_stop_are_one_motion_within_the_limits(mode: Mode, fracti
 def test_stop_in_the_past_is_rejected() -> None:
     whole = StoppableMotion(PLAN, LIMITS)
     whole.follow(1.0)
-    with pytest.raises(ValueError, match=r'no stop at 0\.5 s'):
+    with pytest.raises(ValueError, match=r'cannot compute a stop at 0\.5 s'):
         whole.stopped(0.5, LONGEST_S)
 
 

@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Pose
 from support.examples import one_in
 
 from epson_driver import aio
@@ -16,7 +15,6 @@ from epson_driver.node.tool_interface import (
     link_prefix,
     links,
     named_tool,
-    pose_values,
 )
 from epson_driver.robots import load_robot_model, robot_models
 from epson_driver.robots.urdf import urdf
@@ -33,16 +31,6 @@ def test_tool_equals_the_python_api_s_tool() -> None:
     np.testing.assert_array_equal(tool.pose, robot.tool)
     assert tool.name == 'gripper'
     assert tool.values.tolist() == pytest.approx(GOOD)
-
-
-def test_nearly_unit_quaternion_is_normalized() -> None:
-    tool = named_tool(MODEL, [0.0, 0.0, 0.1, 0.0, 0.0, 0.6004, 0.8004], 'tool')
-    assert np.linalg.norm(tool.values[3:]) == pytest.approx(1.0, abs=1e-12)
-    np.testing.assert_allclose(tool.pose[:3, :3] @ tool.pose[:3, :3].T, np.eye(3), atol=1e-12)
-
-
-def test_empty_pose_is_the_flange() -> None:
-    assert np.array_equal(named_tool(MODEL, pose_values(Pose()), 'tool').pose, np.eye(4))
 
 
 @pytest.mark.parametrize(

@@ -3,14 +3,13 @@
 """Trajectories read from ROS messages: names, shapes, numbers and errors."""
 
 from itertools import permutations
-from types import SimpleNamespace
 
 import pytest
 from builtin_interfaces.msg import Duration
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError
-from epson_driver.node.trajectory_messages import duration_in_s, trajectory_from_message
+from epson_driver.node.trajectory_messages import trajectory_from_message
 
 NAMES = ('a', 'b', 'c')
 
@@ -60,15 +59,6 @@ def test_names_may_come_in_any_order(names):
     assert trajectory.accelerations.tolist() == [[0.1, 0.2, 0.3]]
 
 
-def test_numbers_are_read_unchanged():
-    values = (1 / 3, -2 / 7, 0.1 + 0.2)
-    trajectory = from_message(point(0.0, (0, 0, 0)), point(1.234567891, values))()
-    assert trajectory.positions[1].tolist() == list(values)
-    assert trajectory.times.tolist() == pytest.approx([0.0, 1.234567891], abs=1e-12)
-    assert trajectory.velocities is None
-    assert trajectory.accelerations is None
-
-
 @pytest.mark.parametrize(
     ('names', 'words'),
     [
@@ -109,12 +99,6 @@ def test_trajectory_without_points_is_rejected():
 )
 def test_arrays_of_wrong_length_are_rejected(points, text):
     assert text in rejection(from_message(*points))
-
-
-def test_duration_is_converted_to_seconds():
-    assert duration_in_s(Duration(sec=2, nanosec=500_000_000)) == 2.5
-    assert duration_in_s(SimpleNamespace(sec=0, nanosec=1)) == 1e-9
-    assert duration_in_s(Duration(sec=-1, nanosec=0)) == -1.0
 
 
 def test_error_codes_equal_the_action_s_codes():

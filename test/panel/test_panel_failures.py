@@ -4,6 +4,7 @@
 
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import pytest
@@ -14,9 +15,11 @@ from support.panel_client import PanelClient
 from support.ros_peer import PATIENCE
 
 from epson_driver.panel import panel as panel_module
-from epson_driver.panel.panel import Panel, address
+from epson_driver.panel.panel import Panel
 from epson_driver.panel.web_server import WebServer
 from epson_driver.processes import processes
+from epson_driver.ros_panel.ros_discovery import RosDiscovery
+from epson_driver.ros_panel.ros_robot import Goal
 
 ROBOT = '/nobody'
 OTHER = '/other'
@@ -26,7 +29,14 @@ class Running:
     """A panel in a thread of this process, for two missing drivers."""
 
     def __init__(self) -> None:
-        self.panel = Panel('127.0.0.1', 0, None, [], [ROBOT, OTHER], {}, allow_motion=True)
+        self.panel = Panel(
+            '127.0.0.1',
+            0,
+            None,
+            partial(RosDiscovery, [], [ROBOT, OTHER]),
+            {},
+            allow_motion=True,
+        )
         self.code: int | None = None
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -77,7 +87,7 @@ def test_failure_of_any_part_ends_the_panel(
     ends: dict[str, Callable[[], Any]] = {
         'drawing': lambda: setattr(view, 'parts', fails),
         'a button': lambda: (setattr(view.control.robot, 'trigger', fails), client.click('STOP')),
-        'serving ROS': lambda: running.panel.ros._thread.executor.create_task(fails),
+        'serving ROS': lambda: running.panel.robots._thread.executor.create_task(fails),
         'disarming': lambda: (setattr(view.control.arming, 'disconnect', fails), client.close()),
     }
     ends[part]()
@@ -124,13 +134,16 @@ def test_stopped_web_server_ends_the_panel(
 def test_goal_with_unknown_result_is_logged_at_exit(
     running: Running, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(running.panel.ros, 'cancel_goals', lambda: False)
+    view = running.window() and running.panel._views[ROBOT]
+    goal = Goal('swing', running.panel.robots._thread.executor)
+    monkeypatch.setattr(panel_module, 'GOAL_TIMEOUT_S', 0.01)
+    monkeypatch.setattr(view.control.robot, 'cancel_goals', lambda: [goal])
     running.panel.stop()
     running.end()
     assert 'were canceled, but not all ended in time' in caplog.text
 
 
-def test_port_is_closed_if_ros_fails_to_start(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_port_is_closed_if_robots_fail_to_start(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[WebServer] = []
 
     def server(*arguments: Any) -> WebServer:
@@ -138,23 +151,7 @@ def test_port_is_closed_if_ros_fails_to_start(monkeypatch: pytest.MonkeyPatch) -
         return made[-1]
 
     monkeypatch.setattr(panel_module, 'WebServer', server)
-    monkeypatch.setattr(panel_module, 'RosDiscovery', fails)
     with pytest.raises(ZeroDivisionError):
-        Panel('127.0.0.1', 0, None, [], [ROBOT], {}, allow_motion=False)
+        Panel('127.0.0.1', 0, None, fails, {}, allow_motion=False)
     with pytest.raises(OSError, match='refused'):
         PanelClient(made[0].port)
-
-
-@pytest.mark.parametrize(
-    ('host', 'token', 'shown'),
-    [
-        ('127.0.0.1', None, 'http://127.0.0.1:80/'),
-        ('0.0.0.0', None, 'http://127.0.0.1:80/'),
-        ('::', 'abc', 'http://[::1]:80/?token=abc'),
-        ('fe80::1', None, 'http://[fe80::1]:80/'),
-    ],
-)
-def test_shown_address_can_be_opened_in_a_browser(
-    host: str, token: str | None, shown: str
-) -> None:
-    assert address(host, 80, token) == shown

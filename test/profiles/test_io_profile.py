@@ -17,7 +17,7 @@ def test_empty_profile_is_an_rc620() -> None:
     assert read_io_profile({}, 'cell.yaml') == IoProfile()
 
 
-def test_profile_with_all_keys() -> None:
+def test_every_key_of_a_profile_is_read() -> None:
     profile = read_io_profile(
         {
             'access': 'motoman',
@@ -58,8 +58,8 @@ NUMBER = 'must be a whole number from 0 to 4096'
 @pytest.mark.parametrize(
     ('data', 'text'),
     [
-        ({'outputs': 3}, 'io.outputs is not a key of the I/O'),
-        ({3: 3}, 'io.3 is not a key of the I/O'),
+        ({'outputs': 3}, 'io.outputs is not a key of the section io'),
+        ({3: 3}, 'io.3 is not a key of the section io'),
         ({'flags': -1}, f'io.flags = -1: {NUMBER}'),
         ({'flags': 4097}, f'io.flags = 4097: {NUMBER}'),
         ({'flags': True}, f'io.flags = True: {NUMBER}'),

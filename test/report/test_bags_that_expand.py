@@ -164,7 +164,7 @@ except (RunError, InputError) as error:
 @pytest.mark.parametrize(
     'made',
     one_in(
-        2,
+        4,
         [
             chunk_of_zstd,
             chunk_that_lies,

@@ -178,6 +178,11 @@ def test_incomplete_bag_is_refused_with_the_reason(tmp_path, names, options, mes
         read_bag(other_bag(tmp_path / 'bag', *names, **options), TEXTS)
 
 
+def test_bag_of_all_topics_of_one_robot_needs_no_namespace(tmp_path):
+    bag = other_bag(tmp_path / 'bag', '/joint_states', '/epson_driver/joint_commands')
+    assert len(read_bag(bag, TEXTS).times) == 40
+
+
 def test_namespace_chooses_one_of_several_robots(tmp_path):
     bag = other_bag(tmp_path / 'bag', '/a/joint_states', '/b/joint_states')
     run = read_bag(bag, TEXTS, 'b')

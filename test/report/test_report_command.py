@@ -12,18 +12,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.examples import one_in
 from support.recorded_run import usual_run
 
 from epson_driver.cli import report
 from epson_driver.error_texts import load_error_texts
-from epson_driver.pages import packed
-from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.report.figures import derivatives, figures
 from epson_driver.report.page import MAX_SAMPLES, page
 from epson_driver.report.run import Run
 from epson_driver.report.trace_run import read_trace
-from epson_driver.robots import load_robot_model, robot_models
+from epson_driver.robots import load_robot_model
 
 
 @pytest.fixture
@@ -119,23 +116,6 @@ def test_bag_of_another_arm_is_refused(called):
     )
 
 
-def test_ctrl_c_exits_as_interrupted(called, monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(report, 'read_trace', interrupted)
-    assert called('a.pcap')[0] == INTERRUPTED
-
-
-def test_missing_library_of_no_extra_raises(called, monkeypatch):
-    def missing(*_):
-        raise ModuleNotFoundError("No module named 'numpy'", name='numpy')
-
-    monkeypatch.setattr(report, 'read_trace', missing)
-    with pytest.raises(ModuleNotFoundError, match='numpy'):
-        called('a.pcap')
-
-
 MODEL = load_robot_model('c3_a601s')
 
 ROOT = Path(__file__).parents[2]
@@ -213,19 +193,6 @@ def test_source_name_is_escaped_in_the_page(tmp_path):
     assert data_of(text)['runs'][0]['figures']['source'] == evil.source
 
 
-@pytest.mark.parametrize('name', one_in(25, robot_models()))
-def test_every_robot_model_can_be_drawn(name):
-    model = load_robot_model(name)
-    count = len(model.joint_names)
-    run = Run('r', 10**18, model.joint_names, np.arange(9) * 0.01, np.zeros((9, count)), ended=0.1)
-    data = data_of(page([(run, figures(run))], model))
-    assert len(data['arm']['origins']) == len(data['limits']['low']) == count
-    for mesh in data['arm']['meshes']:
-        corners = np.frombuffer(base64.b64decode(mesh['vertices']), '<u2')
-        triangles = np.frombuffer(base64.b64decode(mesh['triangles']), '<u2')
-        assert triangles.max() * 3 + 2 < len(corners)
-
-
 def test_bundle_has_licences_and_versions():
     wanted = json.loads((ROOT / 'generate/page_bundle/package.json').read_text())['dependencies']
     licences = (ASSETS / 'bundle.LICENSES.txt').read_text()
@@ -242,17 +209,3 @@ def test_derivatives_of_a_parabola_are_exact_at_uneven_times():
     assert velocities[:, 0] == pytest.approx(-2.0 + 10.0 * times, abs=1e-6)
     assert accelerations[:, 0] == pytest.approx(np.full(300, 10.0), rel=1e-5)
     assert not velocities[:, 1].any()
-
-
-@pytest.mark.parametrize('count', [0, 1, 4])
-def test_few_joint_states_have_no_derivatives(count):
-    velocities, accelerations = derivatives(np.arange(count) * 0.1, np.ones((count, 6)))
-    assert velocities.shape == accelerations.shape == (count, 6)
-    assert not velocities.any()
-
-
-def test_mesh_above_16_bit_vertex_numbers_is_refused():
-    corners = np.random.default_rng(1).normal(size=(65_536, 3))
-    with pytest.raises(ValueError, match='65536 vertices: at most 65535'):
-        packed(corners, np.zeros((1, 3), dtype=int))
-    assert packed(corners[1:], np.zeros((1, 3), dtype=int))

@@ -20,18 +20,13 @@ from support.recorded_run import (
 )
 
 from epson_driver.error_texts import load_error_texts
-from epson_driver.motion import Trajectory
-from epson_driver.pages import packed_arm
 from epson_driver.report.figures import STANDSTILL_RAD, derivatives, figures
-from epson_driver.report.measure import Recording, measure
 from epson_driver.report.page import page
 from epson_driver.report.run import (
     NO,
     UNKNOWN,
     YES,
     Condition,
-    Plan,
-    Run,
     RunError,
     condition_events,
 )
@@ -39,7 +34,6 @@ from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import (
     LITTLE_ENDIAN,
-    CommType,
     JointFeedback,
     JointPosition,
     JointTrajPt,
@@ -51,9 +45,7 @@ from epson_driver.simple_message import (
     Status,
     ValidFields,
     encode,
-    joint_data,
     reply,
-    topic,
 )
 from epson_driver.simple_message.motoman import Command, Result
 
@@ -150,12 +142,6 @@ def test_refused_point_lost_link_and_invalid_bytes_are_events(tmp_path):
     assert run.links[-1][1:] == ('state', False)
 
 
-def test_missing_joint_states_are_an_event(tmp_path):
-    recorder = usual_run(1.0)
-    recorder.controller_sends(2.0, 11002, JointPosition())
-    assert [t for t in texts(read(recorder, tmp_path)) if t.startswith('no joint state for 0.99')]
-
-
 def test_damaged_trace_is_read_up_to_the_damage(tmp_path):
     whole = usual_run().content()
     position = 24
@@ -218,19 +204,6 @@ def test_unordered_points_give_a_plan_with_increasing_times(tmp_path):
     assert len(plan.times) == len(plan.positions) == 3
 
 
-def test_trace_can_start_within_a_trajectory(tmp_path):
-    recorder = Recorder()
-    recorder.connect(0.0, 11002)
-    recorder.connect(0.0, 11000)
-    recorder.controller_sends(0.01, 11002, JointPosition())
-    for number in (5, 6):
-        recorder.driver_sends(
-            0.1 * number, 11000, JointTrajPt(number, (0.1 * number,) * 10, 0.5, 0.4)
-        )
-    (plan,) = read(recorder, tmp_path).plans
-    assert plan.times == pytest.approx([0.0, 0.4])
-
-
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize('wrong', [float('nan'), float('inf'), 3e38, 2.5])
 def test_implausible_joints_are_an_event_and_not_in_the_figures(tmp_path, wrong):
@@ -246,43 +219,6 @@ def test_implausible_joints_are_an_event_and_not_in_the_figures(tmp_path, wrong)
     assert np.abs(numbers.velocities).max() < 1.1
     assert len(run.sent) == len(run.times)
     assert page([(run, numbers)], load_robot_model('c3_a601s'))  # json.dumps takes no NaN
-
-
-@pytest.mark.invariant(8)
-@pytest.mark.parametrize('seed', [2, 4, 9, 15])
-def test_pauses_of_the_controller_do_not_raise_velocities(tmp_path, seed):
-    chance = np.random.default_rng(seed)
-    recorder = Recorder()
-    recorder.connect(0.0, 11002)
-    time = 0.0
-    while time < 4.0:
-        time += 0.005
-        if chance.random() < 0.01:
-            time += chance.uniform(0.02, 0.4)
-        recorder.controller_sends(time, 11002, JointPosition(0, (0.4 * time,) * 10))
-    numbers = figures(read(recorder, tmp_path))
-    assert np.abs(numbers.velocities).max() < 0.45
-
-
-@pytest.mark.invariant(8)
-@pytest.mark.parametrize('seed', [0, 2, 4])
-def test_delayed_joint_states_in_bursts_show_no_jump(tmp_path, seed):
-    """If arrival times counted as sending times, 1 rad/s would be reported as 500 rad/s."""
-    chance = np.random.default_rng(seed)
-    recorder = Recorder()
-    recorder.connect(0.0, 11002)
-    arrived = until = 0.0
-    for slot in range(800):
-        time = 0.01 + slot * 0.005
-        if chance.random() < 0.006:
-            until = time + chance.uniform(0.05, 0.4)
-        arrived = max(time, until, arrived + 1e-5)
-        recorder.controller_sends(
-            arrived, 11002, JointPosition(0, joint_data(position(time).tolist()))
-        )
-    numbers = figures(read(recorder, tmp_path))
-    assert np.abs(numbers.velocities).max() < 1.15  # it was 1.0
-    assert np.abs(numbers.accelerations).max() < 20.0  # it was 1.6
 
 
 @pytest.mark.parametrize(
@@ -360,20 +296,6 @@ def test_failed_ping_is_reported_as_a_stalled_driver(tmp_path):
     assert error.text == 'the controller stopped the arm: it received nothing from the driver'
 
 
-def test_unrequested_reply_and_truncated_message_are_events(tmp_path):
-    recorder = usual_run()
-    unasked = struct.pack('<4i', 12, 999, CommType.SERVICE_REPLY, ReplyCode.SUCCESS)
-    recorder.raw(4.1, 11000, unasked)
-    whole = encode(topic(Status()), LITTLE_ENDIAN)
-    recorder.raw(4.2, 11002, struct.pack('<i', len(whole) - 8) + whole[4:-4])
-    run = read(recorder, tmp_path)
-    assert 'a reply without a request (message type 999)' in texts(run, 'warning')
-    (error,) = [event for event in run.events if event.level == 'error']
-    assert error.text.startswith('an unreadable message: ')
-    assert error.remedy
-    assert ('message type 999 reply', 'controller') in {(t.name, t.sender) for t in run.traffic}
-
-
 @pytest.mark.invariant(8)
 def test_time_stamps_of_the_controller_give_sending_times(tmp_path):
     recorder = Recorder()
@@ -418,55 +340,5 @@ def test_mode_and_errors_without_a_number_are_events():
     assert all(event.remedy for event in seen if event.level != 'info')
 
 
-def test_plan_without_motion_has_no_dead_time():
-    """The jump is one joint state with a measured velocity."""
-    times = 0.01 * np.arange(40)
-    here, plan = np.zeros((40, 6)), Plan(0.1, np.array([0.0, 1.0]), np.zeros((2, 6)))
-    still = Run('still', 10**18, LIMITS.names, times, here, here, plans=[plan])
-    (motion,) = figures(still).motions
-    assert (motion.points, motion.began, motion.dead_time, motion.stops) == (2, None, None, None)
-    jumped, speeds = here.copy(), here.copy()
-    jumped[20:], speeds[20] = 0.1, 1.0
-    result = figures(Run('jump', 10**18, LIMITS.names, times, jumped, speeds, plans=[plan]))
-    assert result.motions[0].dead_time == pytest.approx(0.1)
-    assert result.stops == ()
-
-
-def test_run_with_one_joint_state_can_be_drawn(tmp_path):
-    recorder = Recorder()
-    recorder.connect(0.0, 11002)
-    recorder.controller_sends(0.1, 11002, JointPosition(0, (0.2,) * 10))
-    run = read(recorder, tmp_path)
-    numbers = figures(run)
-    assert numbers.velocities.tolist() == [[0.0] * 6]
-    assert (numbers.joint_states.count, numbers.joint_states.rate) == (1, None)
-    assert page([(run, numbers)], load_robot_model('c3_a601s'))
-
-
 MODEL = load_robot_model('gx8_c652s')
 NAMES = MODEL.joint_names
-
-
-def shaft_run() -> Recording:
-    """Return a run: 1 s of arm rotation, 1 s of shaft motion (0.1 m), 1 s of arm rotation."""
-    times = np.arange(0.0, 3.0, 0.01)
-    velocities = np.zeros((len(times), 4))
-    velocities[(times > 0.1) & (times < 1.0), 0] = 2.2
-    velocities[(times >= 1.0) & (times < 2.0), 2] = 0.1
-    velocities[(times >= 2.0) & (times < 2.9), 0] = 2.2
-    positions = np.cumsum(velocities, axis=0) * 0.01
-    return Recording(times, positions + np.array([0.0, 1.0, -0.2, 0.0]), velocities)
-
-
-def test_slow_shaft_motion_is_no_stop() -> None:
-    run = shaft_run()
-    ends = Trajectory(NAMES, np.array([0.0, 3.0]), run.positions[[0, -1]])
-    assert measure(ends, run).stops == 1  # without units, all numbers are in rad
-    assert measure(ends, run, MODEL.limits.rad_per_unit).stops == 0
-
-
-def test_page_has_the_meshes_of_all_scara_links() -> None:
-    drawn = packed_arm(MODEL)
-    assert {mesh['link'] for mesh in drawn['meshes']} == set(range(5))
-    assert {len(mesh['colour']) for mesh in drawn['meshes']} == {3}
-    assert drawn['types'] == ['revolute', 'revolute', 'prismatic', 'revolute']

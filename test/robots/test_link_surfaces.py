@@ -49,17 +49,6 @@ def bounds(model: RobotModel) -> list[Array]:
     return [np.array([link.min(axis=(0, 1)), link.max(axis=(0, 1))]) for link in links]
 
 
-@each_model
-def test_adjacent_links_overlap(model: RobotModel) -> None:
-    """Checked at zero, where all frames are parallel."""
-    links = bounds(model)
-    assert len(links) == len(model.joint_names) + 1
-    for link, origin in enumerate(model.chain.origins):
-        below, above = links[link], links[link + 1] + origin
-        common = np.minimum(below[1], above[1]) - np.maximum(below[0], above[0])
-        assert common.min() > 0.0005, link
-
-
 def test_c3_has_its_real_size() -> None:
     """Bounding boxes of the ROS 1 support package's meshes, mm, within a few millimetres."""
     real = {

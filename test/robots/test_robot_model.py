@@ -13,8 +13,6 @@ import yaml
 from epson_driver.inputs import JOINT_NAMES, InputError, shown
 from epson_driver.robots import load_robot_model, robot_models
 
-ROBOTS = Path(__file__).parents[2] / 'config' / 'robots'
-
 # The manual's ranges and speeds, in degrees and degrees/s.
 RANGES = [(-170, 170), (-160, 65), (-51, 225), (-200, 200), (-135, 135), (-360, 360)]
 SPEEDS = [450, 450, 514, 553, 553, 720]
@@ -394,20 +392,6 @@ def test_file_that_is_no_mapping_is_refused(content: bytes, text: str, tmp_path:
     path.write_bytes(content)
     with pytest.raises(InputError, match=f'^{re.escape(f"{path}: {text}")}'):
         load_robot_model(str(path))
-
-
-def test_model_rows_are_in_the_file_of_their_series() -> None:
-    """urdf/epson_data.xacro finds a model by its name."""
-    count = 0
-    for path in ROBOTS.glob('*.yaml'):
-        rows = yaml.safe_load(path.read_text('utf-8'))['models']
-        count += len(rows)
-        for name, row in rows.items():
-            assert name == name.upper()
-            assert name.partition('-')[0].lower() == path.stem
-            assert 'like' not in rows[row.get('like', name)] or 'like' not in row
-            assert name.lower().replace('-', '_') in robot_models()
-    assert count == len(robot_models()) >= 100
 
 
 @pytest.mark.parametrize('name', robot_models())

@@ -12,18 +12,14 @@ from support.controller_harness import (
     LIMITS,
     MODEL,
     PROFILE,
-    STOP,
     SUCCESS,
     Harness,
     InlinePlanner,
-    Peer,
-    frame,
     point,
-    split,
 )
 
 from epson_driver.sim_controller.assembly import new_controller
-from epson_driver.sim_controller.condition.states import EStop, Motors, Power, RejectedError, Tasks
+from epson_driver.sim_controller.condition.states import EStop, Motors, Power, RejectedError
 from epson_driver.sim_controller.faults.fault_kinds import parse
 from epson_driver.simple_message import FrameError
 
@@ -115,18 +111,6 @@ def test_inv4_lost_client_stops_the_arm_and_switches_motors_off(how):
     assert harness.codes() == [(0, SUCCESS)]
 
 
-def test_client_reconnecting_during_braking_changes_nothing():
-    harness = moving_harness()
-    harness.disconnect()
-    harness.connect()
-    harness.codes()
-    harness.send(point(0, HERE), point(STOP))
-    assert harness.codes() == [(0, FAILURE), (STOP, SUCCESS)]
-    harness.rest()
-    assert harness.condition.motors is Motors.OFF
-    assert_stays(harness)
-
-
 def test_incomplete_frame_is_dropped_with_its_client():
     harness = Harness()
     harness.send(point(0, THERE)[:40])
@@ -141,7 +125,6 @@ def test_second_motion_client_is_refused():
     harness = Harness()
     with pytest.raises(ConnectionRefusedError, match='another motion client'):
         harness.connect()
-    assert harness.controller.faults.attached == 1
 
 
 @pytest.mark.invariant(3, 4)
@@ -234,23 +217,6 @@ def test_reboot_disconnects_and_refuses_clients_until_it_ends():
     assert harness.error == 4031
 
 
-def test_door_and_estop_survive_a_reboot():
-    harness = Harness(connect=False)
-    harness.do('door open', 'E-stop press')
-    harness.controller.reboot(1.0)
-    assert (harness.condition.estop, harness.condition.tasks) == (EStop.PRESSED, Tasks.ABORTED)
-    harness.do('E-stop release', 'reset')
-    assert harness.condition.tasks is Tasks.INTERRUPTED
-    harness.do('door close', 'continue', 'motors on')
-    assert harness.controller.status().motion_possible == 1
-
-
-def test_reset_is_refused_while_the_arm_moves():
-    harness = moving_harness()
-    with pytest.raises(RejectedError, match='still moving'):
-        harness.do('reset')
-
-
 @pytest.mark.parametrize('smooth', [False, True])
 def test_estop_at_point_is_pressed_when_the_move_starts(smooth):
     harness = Harness(planner=InlinePlanner() if smooth else None)
@@ -284,22 +250,6 @@ def test_continue_after_the_door_restores_the_power():
     assert harness.condition.power is Power.HIGH
     harness.rest()
     assert harness.codes() == [(0, SUCCESS)]
-
-
-def test_client_of_an_unknown_port_is_refused():
-    controller = new_controller(MODEL, PROFILE)
-    with pytest.raises(ValueError, match='teapot must be a port'):
-        controller.connect('teapot', Peer())
-    controller.connect('remote', Peer())  # the failed attempt has no effect
-
-
-def test_io_requests_fail_while_the_tasks_are_stopped():
-    harness, peer = Harness(), Peer()
-    session = harness.controller.connect('io', peer)
-    for event, code in (('motors on', SUCCESS), ('stop', FAILURE), ('start', SUCCESS)):
-        harness.do(event)
-        session.receive(frame(65201, 2, 0, struct.pack('<4i', 7, 1, 1, 3)))
-        assert split(peer.take())[0][:3] == (65201, 3, code)
 
 
 @pytest.mark.invariant(2)

@@ -97,7 +97,7 @@ def test_inv2_and_3_every_stop_of_smooth_motion_respects_every_limit(stop, seed)
 @pytest.mark.invariant(7)
 @settings(max_examples=examples(300))
 @given(st.lists(st.binary(max_size=200), max_size=5))
-def test_inv7_any_bytes_move_nothing(chunks):
+def test_inv7_arm_does_not_move_for_random_bytes(chunks):
     harness = Harness()
     try:
         harness.send(*chunks)

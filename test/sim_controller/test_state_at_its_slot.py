@@ -4,6 +4,7 @@
 
 import random
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from epson_driver.sim_controller.network.pacer import Pacer
 from epson_driver.simple_message import Status
 
 PERIOD = 0.005
-JOINT_POSITION = 10
+JOINT_POSITION, STATUS = 10, 13
 BEGIN = 100.0
 AWAY = (1.6, 0.4, 0.6, -0.8, 0.5, 1.2)
 
@@ -104,12 +105,31 @@ def test_message_has_the_joints_at_its_slot_time(late):
         paced.harness.send(point(0, AWAY), point(1, (0.0,) * 6))
         results.append(slots(paced, 2.0))
     exact, reported = results
-    compared = [(a, b) for a, b in zip(exact, reported, strict=False) if a is not None]
+    both = zip(exact, reported, strict=False)  # rest, and its STATUS, may be seen a slot later
+    compared = [(a, b) for a, b in both if a is not None and b is not None]
     assert len(compared) >= 300
     for expected, given in compared:
         assert given == pytest.approx(expected, abs=1e-6)
     speeds = np.abs(np.diff([a[0] for a, _ in compared])) / PERIOD
     assert speeds.max() > 1.0  # 1 ms corresponds to 1 mrad
+
+
+@pytest.mark.parametrize('at_once', [True, False])
+def test_status_takes_the_first_slot_after_the_arm_has_come_to_rest(at_once):
+    state = replace(SIMULATED.state, status_at_rest=at_once)
+    harness = Harness(profile=replace(SIMULATED, state=state))
+    peer = Peer()
+    harness.controller.connect('state', peer)
+    harness.send(point(0, (0.1,) * 6))
+    rests, kinds = [], []
+    for _ in range(200):
+        harness.controller.step(PERIOD)
+        rests.append(not harness.controller.in_motion)
+        kinds.append([kind for kind, *_ in split(peer.take())])
+    stop = next(n for n in range(1, 200) if rests[n] and not rests[n - 1])
+    assert (kinds[stop] == [STATUS]) is at_once
+    statuses = [n for n, slot in enumerate(kinds) if slot == [STATUS]]
+    assert np.diff([n for n in statuses if n != stop or not at_once]).max() <= 11
 
 
 def test_stalled_process_sends_only_the_newest_slots():

@@ -9,7 +9,7 @@ from collections.abc import Sized
 from itertools import pairwise
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.examples import examples
 from wire_examples import DIALECTS, EXAMPLES, bits, drain, frames_of, packets
@@ -21,12 +21,10 @@ from epson_driver.simple_message import (
     FrameError,
     Framer,
     HeaderError,
-    JointPosition,
     PacketFramer,
     SimpleMessageError,
     decode,
     encode,
-    topic,
 )
 
 STREAM = b''.join(example.little for example in EXAMPLES)
@@ -108,14 +106,6 @@ def test_byte_order_is_detected_from_the_first_length(order: ByteOrder) -> None:
 
 
 @ORDERS
-@given(length=st.integers(12, 65535))
-def test_every_valid_length_is_detected_in_its_byte_order(order: ByteOrder, length: int) -> None:
-    (frame,) = frames_of(frame_bytes(length, order))
-    assert frame.byte_order is order
-    assert len(frame.body) == length - 12
-
-
-@ORDERS
 def test_detected_byte_order_stays(order: ByteOrder) -> None:
     other = ByteOrder.BIG if order is ByteOrder.LITTLE else ByteOrder.LITTLE
     framer = Framer()
@@ -165,23 +155,12 @@ def test_inv7_length_invalid_in_both_orders_is_refused(prefix: str) -> None:
     assert framer.byte_order is None
 
 
-def test_first_length_of_65536_is_256_in_the_other_byte_order() -> None:
-    (frame,) = frames_of(struct.pack('<i', 65536) + bytes(256))
-    assert frame.byte_order is ByteOrder.BIG
-
-
 @ORDERS
 def test_maximum_length_can_be_lowered(order: ByteOrder) -> None:
     assert frames_of(frame_bytes(64, order), Framer(max_length=64)) != []
     for framer in (Framer(max_length=64), Framer(order, max_length=64)):
         with pytest.raises(FrameError, match=r'must be 12 … 64; is the byte order right\?'):
             frames_of(frame_bytes(65, order), framer)
-
-
-@pytest.mark.parametrize('max_length', [11, 0, -1, 65536])
-def test_maximum_length_without_byte_order_detection_is_refused(max_length: int) -> None:
-    with pytest.raises(ValueError, match=f'max_length = {max_length}: must be 12 … 65535'):
-        Framer(max_length=max_length)
 
 
 def test_complete_frames_before_an_invalid_length_are_returned() -> None:
@@ -268,14 +247,6 @@ def test_inv7_arbitrary_bytes_raise_only_frame_errors_and_bound_memory(
             assert held(framer) == 0
 
 
-@pytest.mark.invariant(7)
-@given(garbage=st.binary(min_size=4, max_size=200))
-@example(garbage=bytes(4))
-def test_inv7_next_connection_is_independent_of_the_last(garbage: bytes) -> None:
-    outcome(Framer(), [garbage])
-    assert len(frames_of(STREAM)) == len(EXAMPLES)
-
-
 def _chunks() -> st.SearchStrategy[bytes]:
     """Return random bytes, random frames, and frames with one wrong byte."""
     word = st.integers(-2, 20) | st.integers(-(2**31), 2**31 - 1)
@@ -358,27 +329,6 @@ def test_inv8_repeated_headers_do_not_change_the_result(data: st.DataObject) -> 
     chunks = [stream[a:b] for a, b in zip([0, *cuts], [*cuts, len(stream)], strict=True)]
     order = data.draw(st.sampled_from([None, dialect.byte_order]))
     assert at_once(PacketFramer(order), chunks) == in_two_steps(chunks, order)
-
-
-def test_one_byte_at_a_time() -> None:
-    stream = b''.join(example.little for example in EXAMPLES) * 2
-    chunks = [stream[at : at + 1] for at in range(len(stream))]
-    assert at_once(PacketFramer(), chunks) == in_two_steps([stream], None)
-
-
-def test_body_length_selects_float32_or_float64_for_the_same_header() -> None:
-    """A body of any other length is an error."""
-    framer = PacketFramer()
-    for _ in range(2):
-        for dialect in DIALECTS[:2]:
-            framer.receive_data(encode(topic(JointPosition(7, (0.5,) * 10)), dialect))
-            packet = framer.next_packet()
-            assert packet is not None
-            assert packet.message == JointPosition(7, (0.5,) * 10)
-            assert packet.dialect == dialect
-        framer.receive_data(struct.pack('<4i', 12 + 43, 10, 1, 0) + bytes(43))
-        with pytest.raises(SimpleMessageError, match='43 bytes'):
-            framer.next_packet()
 
 
 @pytest.mark.invariant(7)

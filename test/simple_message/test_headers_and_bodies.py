@@ -31,12 +31,12 @@ from epson_driver.simple_message import (
     Real,
     ReplyCode,
     Status,
-    check_header,
     decode,
     encode,
     joint_data,
     request,
 )
+from epson_driver.simple_message.packets import check_header
 
 # message, then (body, length, wire) in float32 and in float64
 SIZES: tuple[tuple[Message, tuple[int, int, int], tuple[int, int, int]], ...] = (

@@ -21,18 +21,31 @@ from epson_driver.simple_message import (
     FieldError,
     Frame,
     IoAddress,
-    IoCtrlReply,
+    IoRange,
+    IoSetting,
+    Message,
+    MotionCtrl,
+    MotionReply,
+    Opaque,
+    Packet,
+    ReplyCode,
+    decode,
+    encode,
+    reply,
+    request,
+    topic,
+)
+from epson_driver.simple_message.io_layouts import MAX_ITEMS, MAX_VALUES
+from epson_driver.simple_message.io_messages import (
     IoInfo,
     IoInfoReply,
     IoOutcome,
     IoPublish,
-    IoRange,
     IoRead,
     IoReading,
     IoReadReply,
     IoReset,
     IoResetReply,
-    IoSetting,
     IoSpan,
     IoSubscribe,
     IoSubscribeReply,
@@ -41,36 +54,22 @@ from epson_driver.simple_message import (
     IoValues,
     IoWrite,
     IoWriteReply,
-    Message,
-    MessageType,
-    MotionCtrl,
-    MotionReply,
-    MotomanIoResult,
-    Opaque,
-    Packet,
-    ReadIoBit,
-    ReadIoBitReply,
-    ReadIoGroup,
-    ReadIoGroupReply,
-    ReplyCode,
-    WriteIoBit,
-    WriteIoBitReply,
-    WriteIoGroup,
-    WriteIoGroupReply,
-    decode,
-    encode,
-    reply,
-    request,
-    topic,
 )
-from epson_driver.simple_message.io_layouts import MAX_ITEMS, MAX_VALUES
 from epson_driver.simple_message.motoman import (
     GENERAL_INPUTS,
     GENERAL_OUTPUTS,
     Command,
     Invalid,
-    NotReady,
+    IoCtrlReply,
+    ReadIoBit,
+    ReadIoBitReply,
+    ReadIoGroup,
+    ReadIoGroupReply,
     Result,
+    WriteIoBit,
+    WriteIoBitReply,
+    WriteIoGroup,
+    WriteIoGroupReply,
     bit_address,
 )
 
@@ -333,43 +332,6 @@ def test_same_words_have_another_meaning_in_a_reply() -> None:
         decode(frame(65201, *words))
 
 
-DATA = (1.0, -2.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 8.0)
-
-START_TRAJ_MODE = 200121
-
-ORDERS = pytest.mark.parametrize(
-    ('order', 'dialect'), [('<', LITTLE_ENDIAN), ('>', BIG_ENDIAN)], ids=['little', 'big']
-)
-
-
-@ORDERS
-def test_motion_ctrl_is_64_bytes_long(order: str, dialect: Dialect) -> None:
-    wire = struct.pack(order + '4i3i10f', 64, 2001, 2, 0, 0, 7, START_TRAJ_MODE, *DATA)
-    assert len(wire) == 68
-    message = MotionCtrl(0, 7, Command.START_TRAJ_MODE, DATA)
-    assert encode(request(message), dialect) == wire
-    (frame,) = frames_of(wire)
-    assert decode(frame).message == message
-
-
-@ORDERS
-def test_motion_reply_is_72_bytes_long(order: str, dialect: Dialect) -> None:
-    wire = struct.pack(order + '4i5i10f', 72, 2002, 3, 1, 1, 3, 14, 3, 3011, *DATA)
-    assert len(wire) == 76
-    message = MotionReply(1, 3, 14, Result.INVALID, Invalid.DATA_START_POS, DATA)
-    assert encode(reply(message, ReplyCode.SUCCESS), dialect) == wire
-    (frame,) = frames_of(wire)
-    assert decode(frame).message == message
-
-
-def test_first_bytes_equal_a_capture() -> None:
-    wire = encode(request(MotionCtrl(0, 0, Command.CHECK_MOTION_READY)), LITTLE_ENDIAN)
-    assert wire == (
-        bytes.fromhex('40000000 d1070000 02000000 00000000  00000000 00000000 a50d0300')
-        + bytes(40)
-    )
-
-
 @pytest.mark.parametrize('dialect', DIALECTS, ids=str)
 @settings(max_examples=examples(40))
 @given(data=st.data())
@@ -386,36 +348,17 @@ def test_motoman_values_round_trip_bit_exact(dialect: Dialect, data: st.DataObje
     assert received.dialect == dialect
 
 
-@pytest.mark.parametrize(('msg_type', 'size'), [(2001, 52), (2002, 60)])
-@pytest.mark.parametrize('off', [-4, -1, 1, 4])
-def test_body_of_another_length_is_refused(msg_type: int, size: int, off: int) -> None:
-    with pytest.raises(
-        BodyError, match=f'body = .*{size + off} bytes.* has {size} or {size + 40}'
-    ):
-        decode(Frame(msg_type, 2, 0, bytes(size + off), LITTLE_ENDIAN.byte_order))
-
-
-def test_number_out_of_range_is_named() -> None:
-    with pytest.raises(FieldError, match='command = 2147483648: must be an int32'):
-        encode(request(MotionCtrl(0, 0, 2**31)), LITTLE_ENDIAN)
-    with pytest.raises(FieldError, match=r'data = .*9 values.*: must have 10'):
-        encode(request(MotionCtrl(0, 0, 0, (0.0,) * 9)), LITTLE_ENDIAN)
-
-
-def test_protocol_numbers() -> None:
-    assert (MessageType.MOTION_CTRL, MessageType.MOTION_REPLY) == (2001, 2002)
-    assert [int(command) for command in Command] == [
-        *(200101, 200102),
-        *(200111, 200112, 200113, 200114),
-        *(200121, 200122),
-        200130,
-    ]
-    assert [int(result) for result in Result] == list(range(7))
-    assert [int(code) for code in Invalid] == [*range(3000, 3007), *range(3010, 3018)]
-    assert [int(code) for code in NotReady] == list(range(5000, 5013))
-
-
 MESSAGES = [
+    (
+        2001,  # equals a capture
+        request(MotionCtrl(0, 7, Command.CHECK_MOTION_READY)),
+        (0, 7, 200101, *[0] * 10),
+    ),
+    (
+        2002,
+        reply(MotionReply(1, 3, 14, Result.INVALID, Invalid.DATA_START_POS), ReplyCode.SUCCESS),
+        (1, 3, 14, 3, 3011, *[0] * 10),
+    ),
     (2003, request(ReadIoBit(10010)), (10010,)),
     (2004, reply(ReadIoBitReply(1, 0), ReplyCode.SUCCESS), (1, 0)),
     (2005, request(WriteIoBit(10010, 1)), (10010, 1)),
@@ -444,7 +387,3 @@ def test_messages_have_the_bytes_of_motoros(msg_type, packet, words, order, dial
 def test_bit_addresses_are_those_of_the_teach_pendant():
     assert [bit_address(GENERAL_INPUTS, index) for index in (0, 7, 8)] == [10, 17, 20]
     assert [bit_address(GENERAL_OUTPUTS, index) for index in (0, 15)] == [10010, 10027]
-
-
-def test_result_codes_equal_motoros():
-    assert [int(result) for result in MotomanIoResult] == [0, 1001, 1002, 1003, 1004, 1005]

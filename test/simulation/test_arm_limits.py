@@ -75,11 +75,6 @@ def test_extrema_match_fine_samples_and_are_not_below_them(motion):
     assert result == pytest.approx(seen, rel=2e-3)
 
 
-def test_long_line_reaches_its_limits_exactly():
-    far = START + np.array([2.8, 0.0, 0.0, 0.0, 0.0, 0.0])
-    assert extrema(go(LIMITS, START, far)) == pytest.approx([1.0] * 3, rel=1e-9)
-
-
 def seed_of(smooth):
     for seed in map(str, range(1000)):
         world = World(seed)

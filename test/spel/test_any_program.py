@@ -15,7 +15,6 @@ from support.spel_harness import SCARA, ScriptedHost
 from epson_driver.sim_controller.spel_run import run_function
 from epson_driver.spel import Machine, ProgramEnvironment, ProgramError, build
 from epson_driver.spel.lint import check
-from epson_driver.spel.project_data import decoded
 from epson_driver.spel.words import CONSTANTS
 from epson_driver.spel.words import WORDS as TABLE
 
@@ -85,13 +84,6 @@ def build_and_run(text: str) -> str:
             error = run_function(program, code, SCARA, ProgramEnvironment(), max_time=0.1).error
             assert re.match(r'(error \d+: .|still running after |waits for |$)', error)
     return 'run'
-
-
-@settings(max_examples=examples(200))
-@given(st.binary(max_size=300))
-def test_random_bytes_run_or_are_refused(content: bytes) -> None:
-    build_and_run(decoded(content))
-    build_and_run('Function main\n' + decoded(content) + '\nFend\n')
 
 
 @settings(max_examples=examples(300))
@@ -203,6 +195,7 @@ def test_unbounded_program_is_stopped(text: str) -> None:
     build_and_run(text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'text',
     one_in(

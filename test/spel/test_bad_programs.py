@@ -41,11 +41,6 @@ WHEN_IT_RUNS = {
         'main.prg:',
         'error 2556 in main (task 1): an endless loop without a Wait: put one of 0.01 s or more',
     ),
-    'endless loop of Eval': (
-        'Function main\n  Do\n    If Eval("MemOn 1") Then Exit Do\n  Loop\nFend',
-        'main.prg:',
-        'error 2556 in main (task 1): an endless loop without a Wait: put one of 0.01 s or more',
-    ),
     'array out of range': (
         'Function main\n  Integer a(3), i\n  i = 7\n  a(i) = 1\nFend',
         'main.prg:4: ',

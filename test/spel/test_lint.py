@@ -79,6 +79,9 @@ BAD = [
     ('unreachable', 6, main('  Do While True\n    Wait 1\n  Loop\n  Print 1')),
     ('unreachable', 6, main('  Select MemSw(1)\n  Case 1\n    Print 1\n  Case 1\n  Send')),
     ('portable', 3, main('  Do While Sw(1) = On\n    Wait 1\n  Loop Until Sw(2) = On')),
+    ('portable', 4, main('  Integer a(2)\n  For a(1) = 1 To 2\n    Wait 1\n  Next')),
+    ('portable', 3, main('  Go P1 ROT')),
+    ('portable', 3, main('  Wait Sw(1) = On And Not Sw(2) = On')),
     ('portable', 4, main('  Select MemSw(1)\n  Case 1, 2\n    Print 1\n  Send')),
     ('unused', 3, main('  Integer i')),
     ('unused', 5, main('  Print 1') + 'Function nobody\nFend\n'),
@@ -150,7 +153,7 @@ def test_every_rule_has_a_violating_program() -> None:
 def test_problem_has_line_and_column() -> None:
     (problem,) = check(files('Function main\n  Integer i\n  If i = True Then Print 1\nFend\n'))
     assert str(problem) == (
-        'main.prg:3:8: warning: i = True: True is -1 (p995), i may be 1: '
+        'main.prg:3:8: warning: i = True holds for any value but 0 (p420), or for -1 (p995): '
         'write i <> 0, or = On [true-compare]'
     )
 

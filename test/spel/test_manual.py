@@ -21,17 +21,6 @@ PROGRAMS = {
         'Function main\n  Xqt t\n  Wait 0.1\n  Quit t\n  Quit 7\n  Print "over"\nFend',
         't|over',
     ),
-    'p316 Eval has the rights of its task type': (
-        'Function t\n  Print Eval("Motor On"), Eval("On 1"), Motor, Oport(1)\nFend\n'
-        'Function main\n  Xqt 2, t, NoEmgAbort\n  Wait 1\nFend',
-        '9996 0 0 1',
-    ),
-    'p316 concurrent Evals have separate replies': (
-        'Function t\n  String r$\n  Print Eval("Wait 0.5; Print 2", r$), r$\nFend\n'
-        'Function main\n  String r$\n  Xqt t\n  Wait 0.1\n'
-        '  Print Eval("Print 1; Wait 1; Print 3", r$), r$\nFend',
-        '0 2|0 1|3',
-    ),
     'p758 a signal wakes waiting tasks': (
         'Function t\n  Wait 0.1\n  Signal 1\nFend\n'
         'Function main\n  Xqt t\n  WaitSig 1\n  Print "woken"\nFend',

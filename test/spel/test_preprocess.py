@@ -28,12 +28,6 @@ def test_recursive_definition_is_not_expanded() -> None:
     assert printed('g_n = 4; a_ = 5\nPrint g_n, a_', before=before) == ['4 5']
 
 
-def test_definition_with_empty_brackets_is_used_with_brackets() -> None:
-    assert printed('Print NOTHING() + 1, "NOTHING()"', before='#define NOTHING() 4') == [
-        '5 NOTHING()'
-    ]
-
-
 def test_program_above_the_line_limit_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

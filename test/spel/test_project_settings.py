@@ -69,7 +69,10 @@ def test_model_file_is_found_beside_the_project(tmp_path: Path) -> None:
     [
         ('- 1\n', 'must have lines KEY: VALUE'),
         ('port:\n  201: a:1\n', 'line 1: port: must be one of .*: did you mean ports'),
-        ('ports: a:1\n', "line 1: ports = 'a:1': must have items: each item must be from 201"),
+        (
+            'ports: a:1\n',
+            "line 1: ports = 'a:1': must have lines ITEM: VALUE, where each item must be from 201",
+        ),
         ('ports:\n  200: a:1\n', "line 2: ports.200: '200' must be from 201 to 216"),
         ('ports:\n  x: a:1\n', "line 2: ports.x: 'x' must be from 201 to 216"),
         ('ports:\n  201: a:70000\n', "line 2: ports.201 = 'a:70000': must be ADDRESS:PORT"),

@@ -10,7 +10,7 @@ from support.examples import one_in
 from support.spel_harness import on_controller
 
 from epson_driver.sim_controller.spel_run import TestResult
-from epson_driver.spel import NetSettings, ProgramEnvironment
+from epson_driver.spel import ProgramEnvironment
 from epson_driver.spel.files import Answer, Files
 
 
@@ -57,45 +57,18 @@ def test_stub_answers_are_used_in_order_and_the_last_repeats() -> None:
     ]  # fmt: skip
 
 
-PEERS = """
-  String s$
-  Xqt served
-  OpenNet #202 As Client
-  WaitNet #202, 1
-  Print #202, "hello"
-  Input #202, s$
-  Print s$
-  CloseNet #202
-  Wait 0.2
-"""
-SERVED = """
-Function served
-  String s$
-  OpenNet #201 As Server
-  WaitNet #201
-  Input #201, s$
-  Print #201, s$ + " to you"
-  Wait 0.1
-  Print ChkNet(201)
-Fend
-"""
-
-
-def test_port_without_setnet_uses_the_system_configuration() -> None:
-    """A client of a TCP port that the same program serves is its peer."""
-    ports = {201: NetSettings('', 2001), 202: NetSettings('192.168.0.1', 2001)}
-    assert lines(run(PEERS, ProgramEnvironment(ports=ports), SERVED)) == ['hello to you', '-1']
-
-
 WRITES = """
   AOpen "data.csv" As #30
   Print #30, 5
   Close #30
-  MkDir "new"
   WOpen "new\\\\b.txt" As #30
   Print #30, "b"
   Close #30
-  Print FileLen("DATA.csv"), FolderExists("NEW"), FileExists("new/b.txt")
+  String first$, last$
+  ROpen "DATA.csv" As #30
+  Input #30, first$
+  Input #30, last$
+  Print first$, last$, FileExists("new/b.txt")
   Del "old.txt"
   Print FileExists("old.txt")
 """
@@ -105,10 +78,11 @@ WRITES = """
 def test_files_are_written_to_the_folder_only_with_keep(tmp_path: Path, keep: bool) -> None:
     (tmp_path / 'Data.csv').write_bytes(b'1\r\n')
     (tmp_path / 'old.txt').write_bytes(b'')
+    (tmp_path / 'new').mkdir()
     result = run(WRITES.replace('\\\\', '\\'), ProgramEnvironment(files=Files(tmp_path, keep)))
-    assert lines(result) == ['6 -1 -1', '0']
+    assert lines(result) == ['1 5 -1', '0']
     assert (tmp_path / 'Data.csv').read_bytes() == (b'1\r\n5\r\n' if keep else b'1\r\n')
-    assert (tmp_path / 'new').exists() is keep
+    assert (tmp_path / 'new/b.txt').exists() is keep
     assert (tmp_path / 'old.txt').exists() is not keep
 
 
@@ -149,7 +123,6 @@ SPELLED = ('{}', '{}/.', './{}', './/{}//./', 'sub/../{}', '{}\\', '{}\\.', '/{}
             'AOpen "{0}" As #30',
             'Del "{0}"',
             'Copy "other.txt", "{0}"',
-            'MkDir "{0}"',
             'SavePoints "{0}"',
         ],
     ),

@@ -4,8 +4,6 @@
 
 from collections import defaultdict
 
-import pytest
-
 from epson_driver.share import share_path
 from epson_driver.spel import read_project
 from epson_driver.spel.expressions import is_point_literal
@@ -97,14 +95,6 @@ def test_a_local_variable_is_renamed_in_its_function_only() -> None:
     assert with_name(index(main_prg=SCOPES), '|i', 'n2') == f'{changed}Function g{second}'
 
 
-def test_a_label_is_no_variable_of_its_name() -> None:
-    text = SCOPES.replace('|i', 'i').replace('GoTo i', 'GoTo |i')
-    expected = (
-        SCOPES.replace('|i', 'i').replace('i:\n', 'again:\n').replace('GoTo i', 'GoTo again')
-    )
-    assert with_name(index(main_prg=text), '|i', 'again') == expected
-
-
 def test_module_variables_belong_to_their_file_and_globals_to_all() -> None:
     project = index(
         main_prg='Integer count\nGlobal Real speed_\nFunction main\n  count = speed_\nFend',
@@ -123,13 +113,6 @@ def test_programs_with_errors_and_inactive_branches_are_indexed() -> None:
     project = index(main_prg=text)
     (symbol,) = project.declarations('main.prg', '', 'g', False)
     assert [place.line for place in project.references(symbol)] == [4, 5]
-
-
-@pytest.mark.parametrize(
-    'text', ['', '"', '#', '#define', 'Function', 'Integer', ':', 'a:', ');(']
-)
-def test_broken_lines_are_indexed_without_an_error(text: str) -> None:
-    assert index(main_prg=text, robot1_pts=text, iolabels_dat=text).names is not None
 
 
 def test_our_controller_program_builds_after_all_of_its_names_have_changed() -> None:

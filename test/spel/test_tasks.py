@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scheduling of tasks: times, waits, stops, locks and reproducibility."""
 
-from typing import Any
-
 import pytest
-from support.spel_harness import ScriptedHost, files, machine, run
+from support.spel_harness import ScriptedHost, machine, run
 
 from epson_driver.spel import (
     ErrorNumber,
@@ -14,8 +12,6 @@ from epson_driver.spel import (
     SpelError,
     TaskState,
     TaskType,
-    Timing,
-    build,
 )
 
 COUNTING = """
@@ -74,34 +70,6 @@ def test_statement_takes_the_configured_time(statement: float) -> None:
     assert float(host.text) == pytest.approx(2000 * statement, abs=0.0011)
 
 
-@pytest.mark.parametrize('name', ['statement', 'scan', 'turn'])
-def test_zero_time_step_is_refused(name: str) -> None:
-    with pytest.raises(ValueError, match=f'{name} must be a time above 0 s'):
-        Timing(**{name: 0.0})
-
-
-@pytest.mark.parametrize('given', [{'granularity': -0.01}, {'extra': {'print': -0.1}}])
-def test_negative_time_is_refused(given: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match='granularity and extra must be times from 0 s on'):
-        Timing(**given)
-
-
-def test_unknown_function_cannot_be_started() -> None:
-    made = machine('Function main\nFend\n')
-    with pytest.raises(SpelError, match='there is no function main7'):
-        made.start('main7')
-    assert not list(made.tasks())
-
-
-def test_extra_times_of_statements_are_added() -> None:
-    source = 'Function main\n  Print 1\n  Print 2\n  Print Tmr(0)\nFend\n'
-    host = ScriptedHost()
-    made = Machine(build(files(source)), host, Timing(extra={'print': 0.25}))
-    made.start()
-    made.advance(1.0)
-    assert float(host.text.split()[-1]) == pytest.approx(0.5, abs=0.0011)
-
-
 def test_wait_is_rounded_up_to_ticks_from_its_statement() -> None:
     source = """
     Function main
@@ -114,20 +82,6 @@ def test_wait_is_rounded_up_to_ticks_from_its_statement() -> None:
     Fend
     """
     assert run(source).text.split() == ['0.01', '0.03', '0.03']
-
-
-def test_next_time_is_the_next_event() -> None:
-    source = 'Function main\n  Wait 0.5\n  Input g_n\nFend\nGlobal Integer g_n\n'
-    made = machine(source)
-    assert made.next_time() is None
-    made.start()
-    assert made.next_time() == 0.0
-    made.advance(0.0)
-    assert made.next_time() == pytest.approx(0.5, abs=1e-4)
-    made.advance(0.4)
-    assert made.next_time() == pytest.approx(0.5, abs=1e-4)
-    made.advance(0.6)
-    assert made.next_time() is None  # it waits for the host
 
 
 def test_task_resumes_when_the_host_has_input() -> None:
@@ -343,13 +297,6 @@ def test_lock_timeout_sets_tw() -> None:
     assert run(source).text.split() == ['-1', f'{ErrorNumber.SYNC:d}']
 
 
-def test_main_with_parameters_cannot_be_started() -> None:
-    made = machine('Function main(n As Integer)\nFend\n')
-    with pytest.raises(SpelError, match='main has 1 parameters'):
-        made.start()
-    assert not list(made.tasks())
-
-
 @pytest.mark.parametrize(
     ('condition', 'expected'),
     [
@@ -379,16 +326,6 @@ def test_wait_accepts_conditions_and_times(condition: str, expected: str) -> Non
     waited, seconds = expected.split()
     assert host.text.split()[0] == waited
     assert float(host.text.split()[1]) == pytest.approx(float(seconds), abs=0.011)
-
-
-def test_startmain_needs_a_function_name() -> None:
-    host = ScriptedHost()
-    made = machine('Function main\nFend\nFunction bgmain\n  StartMain 1\nFend\n', host)
-    made.start_background()
-    made.advance(0.1)
-    (failure,) = host.failures
-    assert (failure.number, failure.position.line) == (ErrorNumber.ARGUMENT, 4)
-    assert 'StartMain: needs the name of a main function' in failure.text
 
 
 def test_motion_blocks_its_task_until_the_host_reports_its_end() -> None:
@@ -445,12 +382,6 @@ def test_endless_loop_without_wait_is_an_error() -> None:
     assert failure.number == ErrorNumber.ENDLESS_LOOP
     assert failure.position.line in (3, 4)
     assert 'put one of 0.01 s or more into it' in str(failure)
-
-
-def test_infinite_recursion_is_an_error() -> None:
-    source = 'Function main\n  deeper\nFend\nFunction deeper\n  deeper\nFend\n'
-    (failure,) = run(source).failures
-    assert (failure.number, failure.position.line) == (ErrorNumber.CALL_DEPTH, 5)
 
 
 def test_result_does_not_depend_on_the_time_steps() -> None:
@@ -510,18 +441,3 @@ def test_tasks_report_their_state_and_line() -> None:
     made.clear_errors()
     assert [view.number for view in made.tasks()] == [1]
     assert made.lines()['main.prg'] == {2: True, 3: True, 4: False, 6: True, 7: False}
-
-
-def test_task_resumes_at_the_time_of_the_host_event() -> None:
-    host = ScriptedHost()
-    host.slow = host.motors = True
-    made = machine('Function main\n  Go JA(1, 0, 0, 0)\n  Wait 0.5\n  Print "end"\nFend\n', host)
-    made.start()
-    made.advance(1.0)
-    host.running[0].done = True
-    made.idle(3.0)
-    made.advance(3.0)
-    made.advance(3.4)
-    assert host.text == ''
-    made.advance(3.6)
-    assert host.text == 'end\n'

@@ -2,11 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Values: ranges, conversions, operators, strings, arrays."""
 
-import struct
-
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from support.spel_harness import ScriptedHost, files, printed, run, value
 
 from epson_driver.spel import ErrorNumber, Machine, ProgramError, SpelError, build
@@ -101,34 +97,8 @@ def test_real_is_binary32_and_double_is_binary64() -> None:
     assert printed(body) == ['0 0.1 0.1', f'{ErrorNumber.OVERFLOW:d} 6']
 
 
-def test_double_overflow_is_an_error() -> None:
-    body = """
-    Double d
-    d = 1e308
-    OnErr GoTo failed
-    d = d * 10
-    failed:
-    Print Err, d
-    """
-    assert printed(body) == [f'{ErrorNumber.OVERFLOW:d} 1.000000E+308']
-
-
-@pytest.mark.parametrize(('rounding', 'expected'), [('nearest', '3 -3'), ('truncate', '2 -2')])
-def test_rounding_to_integers_can_be_configured(rounding: str, expected: str) -> None:
-    source = 'Function main\n  Integer a, b\n  a = 2.5; b = -2.5\n  Print a, b\nFend\n'
-    host = ScriptedHost()
-    machine = Machine(build(files(source)), host, rounding=rounding)
-    machine.start()
-    machine.advance(1.0)
-    assert host.printed == [f'{expected}\n']
-
-
-@given(st.integers(-(2**31), 2**31 - 1), st.integers(0, 31))
-def test_shifts_use_32_bits(number: int, count: int) -> None:
-    left = struct.unpack('<i', struct.pack('<I', (number << count) & 0xFFFF_FFFF))[0]
-    right = (number & 0xFFFF_FFFF) >> count if count else number  # p707: zeros from the left
-    body = f'Print LShift({number}, {count}), RShift({number}, {count})'
-    assert printed(body) == [f'{left} {right}']
+def test_reals_are_rounded_to_integers_with_halves_away_from_zero() -> None:
+    assert printed('Integer a, b\na = 2.5; b = -2.5\nPrint a, b') == ['3 -3']
 
 
 def test_strings_have_at_most_255_characters() -> None:
@@ -221,6 +191,10 @@ def test_array_size_is_limited_by_scope(declaration: str, allowed: bool) -> None
         ('i = XY(1, 2, 3, 4)', 'Integer cannot take a point'),
         ('i = P1 + P2', 'cannot take a point'),
         ('i = nothing', 'unknown variable, constant or function nothing'),
+        (
+            'Go P1 +X50',
+            'unknown variable, constant or function X50: the offset of a point is X(50)',
+        ),  # p592
         ('i = nothing(1)', 'unknown function or array nothing'),
         ('nothing = 1', 'nothing is not a declared variable'),
         ('i = Sin(1, 2)', 'Sin takes 1 arguments, not 2'),
@@ -274,17 +248,6 @@ def test_only_preserved_globals_survive_a_restart() -> None:
     second.start()
     second.advance(1.0)
     assert host.printed == ['1 2 1\n', '2 4 1\n', '3 6 1\n']
-
-
-def test_rounding_does_not_change_the_integer_limits() -> None:
-    source = 'Function main\n  Long a\n  a = 1e308 * 10\nFend\n'
-    for rounding in ('nearest', 'truncate'):
-        host = ScriptedHost()
-        machine = Machine(build(files(source)), host, rounding=rounding)
-        machine.start()
-        machine.advance(1.0)
-        (failure,) = host.failures
-        assert (failure.number, failure.text) == (ErrorNumber.OVERFLOW, 'inf does not fit Long')
 
 
 @pytest.mark.parametrize(

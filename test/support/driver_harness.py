@@ -13,7 +13,7 @@ import numpy as np
 from epson_driver.driver import smoothing
 from epson_driver.driver.arm_commands import ArmCommands
 from epson_driver.driver.configuration import Configuration
-from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.delivery.delivery import delivery_rules
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal import Goal, GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalHandle
@@ -25,13 +25,14 @@ from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.setup.setup import profile_defaults
 from epson_driver.sim_controller.assembly import (
-    SpelSource,
     new_controller,
     profile_project,
     program_network,
 )
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
+from epson_driver.sim_controller.spel_host.spel_program import SpelSource
 from epson_driver.spel import Program, build
+from simulation.dds_bus import DdsBus
 from support.event_loop import accepted, now, own_process, real_time, until
 
 MODEL = load_robot_model('c3_a601s')
@@ -112,6 +113,7 @@ class Harness:
             'byte_order': None,
             'state_timeout': 1.0,
             'limits': LIMITS,
+            'model': MODEL.name,
         }
         self.events = Recorder()
         self.driver = Driver(Configuration(**defaults | options), self.events, settings)
@@ -197,9 +199,9 @@ def plan_in_real_time(patch):
 def smooth_in_process(patch, delay=0.0):
     """Smooth goals in this process instead of a worker process, and take `delay` s for it."""
 
-    async def prepared(process, trajectory, start):
+    async def prepared(process, trajectory, start, share=(1.0, 1.0)):
         await asyncio.sleep(delay)
-        settings = (process._limits, process._smoothing)  # noqa: SLF001
+        settings = (process._limits.scaled(*share), process._smoothing)  # noqa: SLF001
         return smoothed_trajectory(trajectory, start, *settings)
 
     patch.setattr(SmoothingProcess, 'prepared', prepared)
@@ -239,16 +241,18 @@ async def simulated(dialect=None, profile='simulated', model=None, *, smooth=Fal
         spel = SpelSource(_built(tuple(files.items())), program_network(profile))
     planner = PlannerOnTheSpot() if smooth else None
     controller = new_controller(arm, profile, start, dialect=dialect, planner=planner, spel=spel)
-    servers = ControllerServers(controller, spel=spel and spel.network)
-    ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
-    task = asyncio.create_task(servers.run())
-    try:
-        yield controller, ports
-    finally:
-        task.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await task
-        await servers.close()
+    real_time = 0 if profile.program.interface == 'rtmc' else None
+    servers = ControllerServers(controller, spel=spel and spel.network, rtmc_port=real_time)
+    with DdsBus().used():
+        ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
+        task = asyncio.create_task(servers.run())
+        try:
+            yield controller, ports
+        finally:
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+            await servers.close()
 
 
 def options_of(profile, interface=None):

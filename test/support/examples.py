@@ -6,6 +6,7 @@
 a change. `make soak` searches for new ones, and prints how to reproduce a failure.
 """
 
+import math
 from collections.abc import Collection, Iterable
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 FULL = 100
-"""`max_examples` of the profile in which each test gets the number that it requests."""
+"""`max_examples` with which each test gets the number that it requests."""
 
 MIN_EXAMPLES = 3
 """Minimum number of examples in any run."""
@@ -23,7 +24,7 @@ _ANY_MACHINE = settings(
 )
 PROFILES = {
     'quick': settings(_ANY_MACHINE, max_examples=FULL // 5, derandomize=True),
-    'thorough': settings(_ANY_MACHINE, max_examples=FULL, derandomize=True),
+    'thorough': settings(_ANY_MACHINE, max_examples=FULL // 2, derandomize=True),
     'soak': settings(_ANY_MACHINE, max_examples=10 * FULL, derandomize=False),
 }
 
@@ -49,8 +50,12 @@ def examples(count: int) -> int:
     return max(count * settings.default.max_examples // FULL, min(count, MIN_EXAMPLES))
 
 
+MAX_SLOW = 6
+"""Maximum number of parameters that `make test-all` adds: of 125 arms, for example, 6."""
+
+
 def one_in(every: int, values: Iterable[Any], *, several: bool = False) -> list[Any]:
-    """Return parameters: `make test` tries one in `every`, `make test-all` all.
+    """Return parameters: `make test` tries one in `every`, and `quickly` marks the others.
 
     `several`: each value is a tuple for several parameters.
     """
@@ -59,10 +64,20 @@ def one_in(every: int, values: Iterable[Any], *, several: bool = False) -> list[
 
 
 def quickly(some: Collection[Any], values: Iterable[Any], *, several: bool = True) -> list[Any]:
-    """Return parameters: `make test` tries some of the values, `make test-all` all."""
+    """Return parameters: `make test` tries some of the values, `make test-all` MAX_SLOW more.
+
+    `make soak-tests` tries all.
+    """
+    all_values = list(values)
+    others = [index for index, value in enumerate(all_values) if value not in some]
+    slow = others[:: math.ceil(len(others) / MAX_SLOW)] if others else []
+
+    def marks(index: int) -> Any:
+        if index not in others:
+            return ()
+        return pytest.mark.slow if index in slow else pytest.mark.soak
+
     return [
-        pytest.param(
-            *(value if several else (value,)), marks=() if value in some else pytest.mark.slow
-        )
-        for value in values
+        pytest.param(*(value if several else (value,)), marks=marks(index))
+        for index, value in enumerate(all_values)
     ]

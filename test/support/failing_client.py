@@ -26,7 +26,14 @@ from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.io import io_client
 from epson_driver.link import Link
-from epson_driver.node import goal_action, goal_server, loop_bridge, messages, node, parameters
+from epson_driver.node import (
+    goal_server,
+    loop_bridge,
+    messages,
+    node,
+    parameters,
+    trajectory_messages,
+)
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.trace.trace import Trace
 
@@ -152,14 +159,14 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
     ('~/read_io', io_client.Io, 'read'),
     ('~/write_io', io_client.Io, 'write'),
     ('~/set_speed_scaling', node.SpeedScalingInterface, '_set'),
-    ('goal', goal_action.GoalRequests, 'checked_goal'),
+    ('goal', trajectory_messages.GoalRequests, 'checked_goal'),
     ('trajectory', goal_server.GoalServer, 'take_trajectory'),
     (
         'cancel',
         loop_bridge.LoopBridge,
         'to_loop',
         fail,
-        lambda _, function, *__: function.__name__ == 'cancel',
+        lambda _, function, *__: 'GoalQueue.cancel' in repr(function),
     ),
     ('parameter', parameters.Tracing, 'change'),
     # functions that may fail without stopping the arm

@@ -16,11 +16,11 @@ from epson_driver.driver.outcome import ErrorCode
 from epson_driver.sim_controller.condition.states import Event
 from support.driver_harness import LIMITS, pose
 
-PROFILES = ('simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman', 'spel', 'remote')
+PROFILES = ('simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman', 'spel', 'remote', 'rtmc')
 DOWNLOADS = ('simulated', 'rc700a', 'spel')
 """Controllers that usually receive points and also accept whole trajectories."""
 
-SETPOINTS = ('simulated', 'generic', 'spel')
+SETPOINTS = ('simulated', 'generic', 'spel', 'rtmc')
 """Controllers with an interrupted stream of setpoints."""
 
 PHASES = ('standing', 'starting', 'moving', 'arriving', 'stopping')
@@ -69,7 +69,7 @@ class Row:
     boots: bool = False
 
 
-LOST = 'the (state|motion|remote) link was lost: .*(closed by the controller|reset)'
+LOST = 'the (state|motion|remote|rtmc) link was lost: .*(closed by the controller|reset|silent)'
 
 FAULTS: dict[str, Row] = {
     'e_stop': Row(
@@ -104,8 +104,8 @@ FAULTS: dict[str, Row] = {
     ),
     'silence': Row(
         fault=f'half_open for={STATE_TIMEOUT + 0.2}',
-        text=f'the (state|remote) link was lost: .*silent for {STATE_TIMEOUT} s',
-        gate='the (state|remote) link was lost',
+        text=f'the (state|remote|rtmc) link was lost: .*silent for {STATE_TIMEOUT} s',
+        gate='the (state|remote|rtmc) link was lost',
     ),
     'cut': Row(fault='cut for=0.3', text=LOST, gate='link was lost'),
     'reboot': Row(fault='reboot for=0.3', text=LOST, gate='link was lost'),
@@ -177,7 +177,7 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
     },
     # Each setpoint has a reply, which may be missed before the state.
     ('lost_reply', 'setpoints'): {'canceled': False, 'gate': 'no reply to setpoint'},
-    ('silence', 'setpoints'): {'gate': 'the state link was lost|no reply to setpoint'},
+    ('silence', 'setpoints'): {'gate': 'the (state|rtmc) link was lost|no reply to setpoint'},
     # A motion is one statement, so the answer to it or to STOP can be lost.
     ('lost_reply', 'remote'): STOP_UNANSWERED | {'fault': '', 'strike': 'lost_answer'},
     ('failure_reply', 'remote'): {'points': (pose(JOINT_1_END),), 'text': 'refused point 0 of 1'},
@@ -188,7 +188,11 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
             ('cut', 'cut', 0.3),
         )
     },
-    ('door', 'remote'): dict.fromkeys(('text', 'gate'), 'the safeguard door (is|was) open'),
+    ('silence', 'rtmc'): {'reset': True},  # the buffer has run empty
+    **{
+        ('door', name): dict.fromkeys(('text', 'gate'), 'the safeguard door (is|was) open')
+        for name in ('remote', 'rtmc')
+    },
 }
 
 ANSWER_A_POINT_FIRST = ('simulated', 'rc700a', 'generic', 'fanuc')
@@ -242,9 +246,13 @@ class Cell:
             return 'it concerns motion by Remote Ethernet'
         if self.profile == 'remote' and self.fault == 'wrong_byte_order':
             return 'text has no byte order'
+        if self.profile == 'rtmc' and self.fault in ('lost_reply', 'wrong_byte_order'):
+            return 'DDS delivers each message, in one byte order'
         if self.interface == 'setpoints' and self.phase != 'moving':
             return 'a stream of setpoints has no phases'
         if self.fault == 'failure_reply':
+            if self.profile == 'rtmc':
+                return 'the driver plans the motion, within the limits that it knows'
             if self.phase != 'moving':
                 return 'it happens in motion to the previous point'
             if self.interface == 'setpoints':

@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any
 
+from epson_driver.rtmc.messages import Request
 from epson_driver.simple_message import (
     Framer,
     JointTrajPt,
@@ -93,12 +94,27 @@ class Tapped:
             self._moves.append(message)
 
 
+def _motions(port: Any, moves: list[Any]) -> dict[int, Any]:
+    """Return the requests of real-time motion, and record those that let the arm move."""
+    changes = dict(port._CHANGES)  # noqa: SLF001 - no other place sees the requests
+    set_mode = changes[Request.SET_MODE]
+
+    def record(port: Any, request: Any) -> None:
+        moves.extend([request] * bool(request.low))
+        set_mode(port, request)
+
+    return changes | {Request.SET_MODE: record}
+
+
 def watch(controller: Any) -> list[Any]:
     """Return a list that collects the moves as they reach the controller."""
     moves: list[Any] = []
     tapped = Tapped(controller.clients, moves)
     if controller.profile.spel.project or controller.profile.program.interface == 'statements':
         controller.clients = tapped
+        return moves
+    if controller.real_time is not None:
+        controller.real_time._CHANGES = _motions(controller.real_time, moves)  # noqa: SLF001
         return moves
     take = controller.program.receive
 

@@ -7,7 +7,7 @@ import contextlib
 import numpy as np
 
 from epson_driver.driver.delivery.delivery import PreparedTrajectory
-from epson_driver.driver.delivery.trajectory_points import STOP
+from epson_driver.driver.delivery.streaming import STOP
 from epson_driver.driver.goal.goal import Goal, GoalSettings
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_states import FINAL_STATES

@@ -107,10 +107,6 @@ class PanelClient:
         """The lines of the log, the newest first."""
         return [text for _, _, text in reversed(self.parts.get('log', []))]
 
-    def newest_log(self) -> str:
-        """Return the newest line of the log."""
-        return next(iter(self.log), '')
-
     @property
     def advice(self) -> str:
         """The reason why the arm cannot move, and the remedy."""
@@ -227,18 +223,19 @@ class PanelClient:
             self.ask('choose')
 
 
-SWING = 'swing'
+SWING, SWING_END = 'swing', 0.8
+"""The trajectory of `PanelProcess`, and its last position of the first joint, rad."""
 
 
 class PanelProcess:
-    """A panel process that offers one slow trajectory from START, SWING.
+    """A panel process that offers one slow trajectory from START.
 
     Its time-outs are longer than a user's, for busy machines, unless `patience` is False.
     """
 
     def __init__(self, folder: Path, domain: int, *arguments: str, patience: bool = True) -> None:
         file = folder / f'{SWING}.yaml'
-        there = np.array([START, [0.8, *START[1:]]])
+        there = np.array([START, [SWING_END, *START[1:]]])
         write_trajectory(file, Trajectory(tuple(JOINTS), np.array([0.0, LASTS]), there), 'a swing')
         self.process = processes.Process(
             'panel',

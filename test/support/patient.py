@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Run `epson_driver NAME …` with longer internal timeouts in the client and the panel.
+"""Run `epson_driver NAME …` with longer internal timeouts.
 
 On a busy machine, the driver must not report a slow controller. `cell.Cell` sets the timeouts that
 are parameters, and this module sets the others. Tests of a timeout use virtual time (test/driver)
@@ -46,7 +46,18 @@ PANEL_TIMEOUTS: dict[str, dict[str, object]] = {
     'epson_driver.panel.arming': {'ALIVE_WITHIN_S': 8.0},
     'epson_driver.panel.robot_control': {'STOP_ANSWER_S': LONG},
     'epson_driver.panel.sim_pendant': {'ANSWER_TIMEOUT_S': LONG},
-    'epson_driver.panel.ros_discovery': {'GOAL_TIMEOUT_S': 8.0},
+    'epson_driver.panel.panel': {'GOAL_TIMEOUT_S': 8.0},
+}
+
+SMOOTH_GOALS_TIMEOUTS = {
+    'epson_driver.node.downstream': {'OWN_TOPIC_S': LONG},
+    'epson_driver.node.smooth_goals': {'REST_TIMEOUT_S': LONG},
+}
+
+OF_COMMAND: dict[str, Mapping[str, Mapping[str, object]]] = {
+    'client': TIMEOUTS,
+    'panel': PANEL_TIMEOUTS,
+    'smooth_goals': SMOOTH_GOALS_TIMEOUTS,
 }
 
 
@@ -54,7 +65,7 @@ def be_patient(
     assign: Callable[[object, str, object], object] = setattr,
     timeouts: Mapping[str, Mapping[str, object]] = TIMEOUTS,
 ) -> None:
-    """Lengthen the client's timeouts in this process. `assign` is setattr or a replacement."""
+    """Lengthen the timeouts of this process. `assign` is setattr or a replacement."""
     for name, constants in timeouts.items():
         module = import_module(name)
         for constant, seconds in constants.items():
@@ -65,8 +76,5 @@ def be_patient(
 
 
 if __name__ == '__main__':
-    if sys.argv[1:2] == ['client']:
-        be_patient()
-    elif sys.argv[1:2] == ['panel']:
-        be_patient(timeouts=PANEL_TIMEOUTS)
+    be_patient(timeouts=OF_COMMAND[sys.argv[1]])
     sys.exit(main())

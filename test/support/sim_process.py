@@ -42,7 +42,7 @@ def vacant_port() -> int:
 
 
 COMMAND = [sys.executable, '-m', 'epson_driver.cli', 'sim_controller']
-FREE = ['--motion-port', '0', '--state-port', '0', '--io-port', '0', '--remote-port', '0']
+FREE = [f'--{name}-port=0' for name in ('motion', 'state', 'io', 'remote', 'rtmc')]
 LINE = re.compile(r'listening motion=(\d+) state=(\d+) io=(\d+) remote=(\d+)\n')
 PORTS = ('motion', 'state', 'io', 'remote')
 

@@ -12,12 +12,12 @@ import numpy as np
 
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.sim_controller.assembly import (
-    SpelSource,
     new_controller,
     profile_project,
     program_network,
 )
 from epson_driver.sim_controller.condition.states import Event
+from epson_driver.sim_controller.spel_host.spel_program import SpelSource
 from epson_driver.spel import build, with_defines
 from support.controller_harness import MODEL, PROFILE, SUCCESS, Peer, point, split
 

@@ -80,7 +80,10 @@ def test_every_service_call_of_a_burst_is_answered(
 ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED)
 
 
-def test_missing_replies_were_lost_in_the_client_s_queue(shared_cell: Cell, action: Any) -> None:
+@pytest.mark.soak
+def test_client_with_a_deep_queue_gets_every_reply_of_a_burst(
+    shared_cell: Cell, action: Any
+) -> None:
     """Two clients take no reply until all goals have ended, which a third node observes.
 
     They differ only in the depth of their queues, by default ten. So the driver sent all replies.

@@ -13,8 +13,6 @@ from pathlib import Path
 import pytest
 
 from epson_driver.demo.run import TOO_BUSY
-from epson_driver.robots import load_robot_model
-from epson_driver.robots.model import SCARA
 from epson_driver.share import share_path
 
 
@@ -51,21 +49,13 @@ def test_demo_executes_the_plan_and_writes_a_report(tmp_path: Path) -> None:
         assert motion['waypoint_deviation'] < 0.02
 
 
-@pytest.mark.parametrize(
-    ('name', 'controller'),
-    [
-        ('t6_b602s', 'simulated'),
-        ('vt6_a901s', 'spel'),
-    ],
-)
-def test_demo_runs_every_kind_of_arm(name: str, controller: str, tmp_path: Path) -> None:
+def test_demo_runs_a_scara(tmp_path: Path) -> None:
     picture = tmp_path / 'arm.png'
-    run = demo(f'--robot={name}', f'--controller={controller}', f'--picture={picture}')
+    run = demo('--robot=t6_b602s', '--controller=simulated', f'--picture={picture}')
     assert_judged(run)
-    scara = load_robot_model(name).kind == SCARA
-    assert bool(re.search(r'highest velocity.* rad/s, 0\.\d+ m/s', run.stdout)) == scara
+    assert re.search(r'highest velocity.* rad/s, 0\.\d+ m/s', run.stdout)
     figures = json.loads(picture.with_suffix('.json').read_text(encoding='utf-8'))
-    assert figures['robot_model'] == name
+    assert figures['robot_model'] == 't6_b602s'
     assert run.returncode or figures['motions'][0]['stops'] == 0
 
 

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -197,7 +198,14 @@ def ends(robot: Robot) -> int:
     return robot.client.wait(PATIENCE)
 
 
-@pytest.mark.parametrize('name', [*LOOP, *THREADS])
+@pytest.mark.parametrize(
+    'name',
+    [
+        *THREADS,
+        *LOOP[::2],
+        *(pytest.param(name, marks=pytest.mark.soak) for name in LOOP[1::2]),
+    ],
+)
 def test_failure_in_any_task_or_thread_stops_the_arm_and_the_process(
     robot: Robot, name: str
 ) -> None:
@@ -300,10 +308,9 @@ def assert_still_serves(robot: Robot) -> None:
 @pytest.fixture(scope='module')
 def serving(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
     """One client for all tests that it survives."""
-    robot = Robot(tmp_path_factory.mktemp('serving'))
-    robot.start_client()
-    yield robot
-    robot.close()
+    with closing(Robot(tmp_path_factory.mktemp('serving'))) as robot:
+        robot.start_client()
+        yield robot
 
 
 @pytest.mark.parametrize('name', REQUESTS)

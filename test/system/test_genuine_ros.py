@@ -2,18 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Genuine ros2 launch, ros2_control and MoveIt move a simulated arm. Skipped without them."""
 
+import os
 import random
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rclpy.action import ActionClient
 from support.ros_peer import JOINTS, Goal, RosPeer, trajectory
 
 from epson_driver.processes import processes
+
+EXAMPLE = Path(__file__).parents[2] / 'examples' / 'moveit_goal.py'
 
 TARGET = [0.3, 0.1, 0.2, 0.0, -0.5, 0.0]
 GOAL_TIME_S = 3.0
@@ -71,7 +74,7 @@ def launched(tmp_path: Path) -> Iterator[Any]:
         cell.close()
 
 
-def test_joint_trajectory_controller_moves_the_arm(launched: Any) -> None:
+def test_joint_trajectory_controller_moves_the_arm(launched: Any, tmp_path: Path) -> None:
     pytest.importorskip('controller_manager_msgs')
     cell = launched('robot_interface.launch.py', ros2_control='true')
     controller = RosPeer(cell.domain, node='joint_trajectory_controller')
@@ -81,29 +84,70 @@ def test_joint_trajectory_controller_moves_the_arm(launched: Any) -> None:
         status, code, text = goal.result()
         assert (status, code) == ('succeeded', 0), text
         cell.reaches_target()
+        smooth_goal_is_braked(cell, tmp_path)
     finally:
         controller.close()
 
 
+def smooth_goal_is_braked(cell: Launched, folder: Path) -> None:
+    """Check that smooth_goals brakes a canceled goal without a cancel to the controller."""
+    action = 'action:=/joint_trajectory_controller/follow_joint_trajectory'
+    words = ['--ros-args', '-p', action, '-p', 'limits_file:=c3_a601s']
+    environment = processes.ros_environment(cell.domain)
+    process = processes.Process('smooth_goals', words, folder / 'smooth_goals.log', environment)
+    front = RosPeer(cell.domain, node='smooth_goals')
+    try:
+        assert front.action.wait_for_server(60.0)
+        goal = Goal(front, trajectory((20.0, [1.0, *TARGET[1:]])))
+        cell.peer.wait_for_motion()
+        goal.cancel()
+        assert goal.result()[2] == 'canceled, it braked, the arm is at rest'
+    finally:
+        front.close()
+        process.end()
+
+
+def test_two_launched_robots_move_independently(tmp_path: Path) -> None:
+    names, domain = ('left', 'right'), processes.free_ros_domain()
+    network = f'127.{random.randrange(1, 255)}.{random.randrange(256)}'
+    words = [f'namespaces:={",".join(names)}', f'robot_ips:={network}.1,{network}.2']
+    process = processes.Process(
+        'several_robots.launch.py',
+        [*words, 'use_sim_controller:=true'],
+        tmp_path / 'launch.log',
+        processes.ros_environment(domain),
+        LAUNCH,
+    )
+    peers = left, right = [RosPeer(domain, prefix=f'/{name}') for name in names]
+    try:
+        for peer in peers:
+            peer.wait_until_ready()
+            peer.enable()
+        before, target = left.position(), right.position() + 0.1
+        joints = [f'right_{joint}' for joint in JOINTS]
+        assert list(right.joint_states[-1].name) == joints
+        goal = right.goal(trajectory((1.0, target.tolist()), names=joints))
+        assert goal.result()[0] == 'succeeded'
+        assert right.position() == pytest.approx(target, abs=1e-3)
+        assert left.position() == pytest.approx(before, abs=1e-6)
+    finally:
+        for peer in peers:
+            peer.close()
+        process.end()
+
+
 def test_move_group_moves_the_arm_and_its_death_fails_the_launch(launched: Any) -> None:
-    messages = pytest.importorskip('moveit_msgs.msg')
-    actions = pytest.importorskip('moveit_msgs.action')
+    pytest.importorskip('moveit_msgs')
     cell = launched('moveit_planning_execution.launch.py', launch_rviz='false')
-    client = ActionClient(cell.peer.node, actions.MoveGroup, 'move_action')
-    assert client.wait_for_server(60.0)
-    tolerances = {'tolerance_above': 1e-4, 'tolerance_below': 1e-4}
-    joints = [
-        messages.JointConstraint(joint_name=name, position=position, weight=1.0, **tolerances)
-        for name, position in zip(JOINTS, TARGET, strict=True)
-    ]
-    goal = actions.MoveGroup.Goal()
-    goal.request.group_name = 'manipulator'
-    goal.request.allowed_planning_time = 10.0
-    goal.request.max_velocity_scaling_factor = goal.request.max_acceleration_scaling_factor = 0.3
-    goal.request.goal_constraints = [messages.Constraints(joint_constraints=joints)]
-    handle = cell.peer.complete(cell.peer.in_executor(lambda: client.send_goal_async(goal)))
-    answer = cell.peer.complete(cell.peer.in_executor(handle.get_result_async))
-    assert answer.result.error_code.val == messages.MoveItErrorCodes.SUCCESS
+    run = subprocess.run(
+        [sys.executable, EXAMPLE],
+        env=os.environ | {'ROS_DOMAIN_ID': str(cell.domain)},
+        capture_output=True,
+        text=True,
+        timeout=120.0,
+        check=True,
+    )
+    assert run.stdout == 'MoveIt error code 1\n'
     cell.reaches_target()
     children = ['--parent', str(cell.process.process_id), '--exact', 'move_group']
     subprocess.run(['pkill', '--signal', 'KILL', *children], check=True)

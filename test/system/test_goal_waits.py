@@ -3,6 +3,7 @@
 """Goals with a paused controller and with speed scaling, through ROS and processes."""
 
 from collections.abc import Iterator
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,9 @@ POINTS = 21
 @pytest.fixture(scope='module')
 def waiting_cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     """One enabled cell. Its arm may be anywhere."""
-    cell = Cell(tmp_path_factory.mktemp('cell'), '--motion=smooth').ready()
-    cell.peer.enable()
-    yield cell
-    cell.close()
+    with closing(Cell(tmp_path_factory.mktemp('cell'), '--motion=smooth')) as cell:
+        cell.ready().peer.enable()
+        yield cell
 
 
 def plan(seconds: float) -> Any:

@@ -5,6 +5,7 @@
 import socket
 import struct
 from collections.abc import Iterator
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,9 @@ FAR = [1.5, 0.0, 0.3, 0.1, -0.6, 0.1]
 @pytest.fixture(scope='module', params=PROGRAMS)
 def shared_cell(request: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     """One enabled cell for all tests."""
-    one = cell_with(tmp_path_factory.mktemp('cell'), request.param)
-    try:
-        one.ready()
-        one.peer.enable()
-        yield one
-    finally:
-        one.close()
+    with closing(cell_with(tmp_path_factory.mktemp('cell'), request.param)) as cell:
+        cell.ready().peer.enable()
+        yield cell
 
 
 def there_and_back() -> Any:

@@ -13,8 +13,8 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from support.cell import START, Cell
-from support.ros_peer import PATIENCE, trajectory
+from support.cell import Cell
+from support.ros_peer import PATIENCE
 from support.spin_thread import SpinThread
 
 DI, DO = IoPoint.DIGITAL_INPUT, IoPoint.DIGITAL_OUTPUT
@@ -173,43 +173,3 @@ def test_estop_and_lost_controller_invalidate_the_values(
     cell.restart_controller()
     peer.wait_until_valid()
     assert [state.valid for state in peer.states[seen:]] == [False, True]
-
-
-def test_spel_program_serves_io_during_an_estop(make_cell: Any, make_io_peer: Any) -> None:
-    """Its I/O server is a background task without analogue points."""
-    cell: Cell = make_cell(program='spel').ready()
-    peer = make_io_peer(cell.domain)
-    peer.wait_until_valid()
-    assert peer.value(DI, 3) == 0
-    cell.pendant('io', 'DI', '3', 'on')
-    peer.wait_for(lambda: peer.value(DI, 3) == 1, 'the input')
-    cell.pendant('estop', 'press')
-    answer = peer.write((DO, 0, 1), (GO, 1, 0x81))
-    assert answer.success, answer.message
-    peer.wait_for(lambda: peer.value(DO, 0) == peer.value(DO, 15) == 1, 'the outputs')
-    answer = peer.read((DO, 8), (DI, 3), (GO, 1000))
-    assert [point.value for point in answer.points] == [1, 1, 0x8101]
-    answer = peer.write((DO, 1, 1), (DO, 16, 1), (DI, 0, 1))
-    assert [point.result for point in answer.points] == [
-        IoPoint.SUCCESS,
-        IoPoint.INDEX_OUT_OF_RANGE,
-        IoPoint.TYPE_FEATURE_UNSUPPORTED,
-    ]
-    assert peer.states[-1].valid
-
-
-def test_goals_succeed_without_io_server(make_cell: Any, make_io_peer: Any) -> None:
-    cell = make_cell(io_port=1).ready()  # port 1 has no listener
-    peer = make_io_peer(cell.domain)
-    cell.peer.enable()
-    there = [START[0] + 0.1, *START[1:]]
-    assert cell.peer.goal(trajectory((0.0, START), (1.5, there))).result()[0] == 'succeeded'
-    assert 'disabled' not in cell.client.log_text()
-    answer = peer.read((DI, 0))
-    assert answer.message == 'no I/O link: 127.0.0.1:1: Connection refused'
-    peer.wait_for(lambda: peer.states, 'the reason')
-    assert [state.valid for state in peer.states] == [False]
-    assert cell.client.end() == 0
-    io_lines = [line for line in cell.client.log_text().splitlines() if 'I/O' in line]
-    assert len(io_lines) == 1
-    assert answer.message in io_lines[0]

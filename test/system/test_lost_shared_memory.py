@@ -15,8 +15,9 @@ ALONE = 'mount -t tmpfs none /dev/shm && ip link set lo up multicast on && exec 
 
 
 @pytest.mark.invariant(3)
-@pytest.mark.parametrize('how', ['removed', 'second user'])
-@pytest.mark.parametrize('discovery', ['LOCALHOST', 'SUBNET'])
+@pytest.mark.parametrize(
+    ('how', 'discovery'), [('removed', 'LOCALHOST'), ('second user', 'SUBNET')]
+)
 def test_inv3_stop_works_without_shared_memory(how: str, discovery: str, tmp_path: Path) -> None:
     tmp_path.chmod(0o777)
     probe = subprocess.run([*NAMESPACES, 'sh', '-c', ALONE, 'sh', 'true'], capture_output=True)

@@ -75,13 +75,6 @@ def test_driver_started_before_the_controller_connects(tmp_path: Path) -> None:
         assert client.end() == 0
 
 
-def test_big_endian_controller_executes_a_goal(make_cell: Any) -> None:
-    cell = make_cell('--byte-order=big').ready()
-    cell.peer.enable()
-    there = [START[0] + 0.1, *START[1:]]
-    assert cell.peer.goal(trajectory((0.0, START), (0.5, there))).result()[0] == 'succeeded'
-
-
 def test_client_with_closed_standard_streams_works(
     make_cell: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

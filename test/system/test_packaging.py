@@ -3,12 +3,10 @@
 """The package built by colcon and installed by pip."""
 
 import os
-import re
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -31,7 +29,6 @@ UNDECLARED = (
 )
 """Modules of some tests that package.xml does not name, because rosdep has no matching key."""
 
-OF_A_DESKTOP = re.compile('rviz|rqt|gui|visualization|desktop|gazebo')
 
 BIN = Path(sys.executable).parent
 
@@ -151,7 +148,7 @@ def listed(*folders: Path) -> list[str]:
 
 
 def test_colcon_finds_the_packages_of_the_readme() -> None:
-    names = ['epson_msgs', 'industrial_msgs', 'epson_driver']
+    names = ['epson_msgs', 'epson_rtmc', 'industrial_msgs', 'epson_driver']
     assert listed(ROOT, ROOT / 'interfaces') == names
     variants = ['epson_driver_moveit', 'epson_driver_ros2_control', 'epson_driver_desktop']
     assert listed(ROOT, ROOT / 'interfaces', ROOT / 'variants') == [*names, *variants]
@@ -198,48 +195,6 @@ def test_plain_colcon_build_explains_how_to_build_the_messages(tmp_path: Path) -
     assert 'control_msgs and tf2_msgs come with ROS 2' in output
     source = workspace / 'src' / 'epson_driver'
     assert f'colcon build --base-paths {source} {source / "interfaces"}' in output
-
-
-@pytest.fixture(scope='module')
-def rosdep_keys(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., set[str]]:
-    """Return a function that queries rosdep, without its database, for the keys of folders."""
-    home = tmp_path_factory.mktemp('rosdep')
-    (home / 'sources').mkdir()
-    (home / 'keys.yaml').write_text('{}\n')
-    (home / 'sources' / '10-none.list').write_text(f'yaml file://{home}/keys.yaml\n')
-    (home / 'index.yaml').write_text(
-        '%YAML 1.1\n---\ndistributions: {}\ntype: index\nversion: 4\n'
-    )
-    environment = os.environ | {
-        'HOME': str(home),
-        'ROS_HOME': str(home / 'ros'),
-        'ROS_DISTRO': 'jazzy',
-        'ROSDEP_SOURCE_PATH': str(home / 'sources'),
-        'ROSDISTRO_INDEX_URL': f'file://{home}/index.yaml',
-    }
-
-    def rosdep(*words: str | Path) -> str:
-        run = subprocess.run(
-            [BIN / 'rosdep', *words], env=environment, capture_output=True, text=True, check=False
-        )
-        assert run.returncode == 0, run.stdout + run.stderr
-        return run.stdout
-
-    rosdep('update')
-    return lambda *folders: set(rosdep('keys', '--ignore-src', '--from-paths', *folders).split())
-
-
-def test_rosdep_installs_no_desktop_on_a_headless_machine(
-    rosdep_keys: Callable[..., set[str]],
-) -> None:
-    driver = rosdep_keys(ROOT, ROOT / 'interfaces')
-    assert driver >= {'rclpy', 'control_msgs', 'robot_state_publisher', 'python3-pytest'}
-    assert [key for key in driver if OF_A_DESKTOP.search(key) or 'moveit' in key] == []
-    moveit = rosdep_keys(ROOT, ROOT / 'interfaces', ROOT / 'variants' / 'epson_driver_moveit')
-    assert moveit > driver | {'moveit_ros_move_group', 'moveit_planners_ompl'}
-    assert [key for key in moveit if OF_A_DESKTOP.search(key)] == []
-    desktop = rosdep_keys(ROOT, ROOT / 'interfaces', ROOT / 'variants')
-    assert desktop >= moveit | {'rviz2', 'moveit_ros_visualization', 'joint_state_publisher_gui'}
 
 
 def test_ros_tools_find_the_pip_environment() -> None:

@@ -71,7 +71,7 @@ def test_estop_ends_the_motion_and_enable_alone_moves_nothing(cell: Any) -> None
     cell.pendant('estop', 'release')
     success, text = peer.call('reset_error')
     assert success, text
-    before = peer.assert_still(5)
+    before = peer.wait_until_still()
     peer.enable()
     np.testing.assert_allclose(peer.assert_still(5), before, atol=1e-6)
     ended, _, text = peer.goal(trajectory((5.0, START))).result()

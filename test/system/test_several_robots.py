@@ -3,10 +3,8 @@
 """Three robots of one process, each in its namespace, do not affect each other."""
 
 import signal
-import socket
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,15 +13,11 @@ import numpy as np
 import pytest
 from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.node import Node
-from rclpy.parameter import Parameter
-from rclpy.parameter_client import AsyncParameterClient
-from support import patient
 from support.cell import LASTS
 from support.fleet import NAMES, Fleet
 from support.ros_peer import RosPeer, trajectory
 
 from epson_driver.processes import processes
-from epson_driver.simple_message import Dialect, Opaque, encode, topic
 
 ABSOLUTE = {'/diagnostics', '/rosout', '/parameter_events', '/tf_static'}
 """Topics shared by all nodes, whose entries name the robot."""
@@ -100,13 +94,6 @@ def test_each_robot_has_its_full_set_of_names(fleet: Fleet) -> None:
     } <= sets[0]
 
 
-def test_each_driver_receives_its_controller_s_state(fleet: Fleet) -> None:
-    for peer in fleet.peers.values():
-        peer.position()
-    firsts = [peer.joint_states[0].position[0] for peer in fleet.peers.values()]
-    assert np.allclose(firsts, [0.1, 0.2, 0.3], atol=1e-6)
-
-
 def test_diagnostics_name_the_robot(fleet: Fleet) -> None:
     peer = fleet.peers['left']
     wanted = {
@@ -137,23 +124,6 @@ def test_goal_moves_only_its_robot(fleet: Fleet) -> None:
     assert not middle.controller_states
 
 
-def test_end_of_one_goal_ends_no_other(fleet: Fleet) -> None:
-    left, middle, right = fleet.peers.values()
-    goals = [
-        move(left, 1.0, seconds=LASTS),
-        move(middle, 1.0, seconds=LASTS),
-        move(right, 0.4, seconds=6.0),
-    ]
-    for peer in fleet.peers.values():
-        peer.wait_for_motion()
-    assert left.call('stop')[0]
-    goals[1].cancel()
-    assert goals[0].result()[0] == 'aborted'
-    assert goals[1].result()[0] == 'canceled'
-    assert goals[2].result()[0] == 'succeeded'
-    assert not any(peer.joint_states[-1].velocity[0] > 0.1 for peer in (left, middle, right))
-
-
 def test_estop_leaves_the_other_robots_enabled(fleet: Fleet) -> None:
     left, middle, right = fleet.peers.values()
     goals = [
@@ -174,37 +144,6 @@ def test_estop_leaves_the_other_robots_enabled(fleet: Fleet) -> None:
     middle.wait_for(lambda: middle.robot_status[-1].e_stopped.val == 0, 'a reset E-stop')
     middle.enable()
     assert move(middle, 0.1).result()[0] == 'succeeded'
-
-
-def test_parameter_change_affects_one_robot(fleet: Fleet) -> None:
-    clients = {
-        name: AsyncParameterClient(peer.node, f'/{name}/epson_driver')
-        for name, peer in fleet.peers.items()
-    }
-
-    def value(name: str) -> float:
-        future = clients[name].get_parameters(['start_tolerance'])
-        answer: float = fleet.peers[name].complete(future).values[0].double_value
-        return answer
-
-    assert all(client.wait_for_services(30.0) for client in clients.values())
-    before = value('left')
-    change = Parameter('start_tolerance', value=0.5)
-    answer = fleet.peers['right'].complete(clients['right'].set_parameters([change]))
-    assert answer.results[0].successful
-    assert [value(name) for name in NAMES] == [before, before, 0.5]
-    change = Parameter('start_tolerance', value=before)
-    fleet.peers['right'].complete(clients['right'].set_parameters([change]))
-
-
-def test_log_names_the_robot(fleet: Fleet) -> None:
-    for name in NAMES:
-        port = fleet.ports[name].motion
-        message = (
-            f'[{name}.epson_driver]: motion link connected: 127.0.0.1:{port}, '
-            'configured as simulated, c3_a601s'
-        )
-        assert message in fleet.log_text()
 
 
 def test_killed_controller_affects_no_other_robot(make_fleet: Callable[..., Fleet]) -> None:
@@ -247,58 +186,6 @@ def test_signal_stops_all_arms_and_ends_each_goal_once(make_fleet: Callable[...,
         assert log.count(f'[{name}.epson_driver]: goal aborted') == 1
 
 
-def test_flooding_controller_does_not_block_other_robots(tmp_path: Path) -> None:
-    """One controller sends bad frames continuously. The other robot reaches its goal."""
-    bad = encode(topic(Opaque(10, b'too short')), Dialect()) * 500
-    flooding, flooded = threading.Event(), threading.Event()
-    with (
-        socket.create_server(('127.0.0.1', 0)) as server,
-        socket.create_server(('127.0.0.1', 0)) as silent,
-    ):
-        server.settimeout(0.2)
-
-        def flood() -> None:
-            while not flooding.is_set():
-                try:
-                    connection, _ = server.accept()
-                    with connection:
-                        while not flooding.is_set():
-                            connection.sendall(bad)
-                            flooded.set()
-                except OSError:  # no client, or a closed connection
-                    continue
-
-        thread = threading.Thread(target=flood)
-        thread.start()
-        controller = processes.sim_controller(
-            tmp_path / 'good.log', '--motion=ptp', '--state-period=0.02'
-        )
-        domain = processes.free_ros_domain()
-        with processes.ended_at_exit(controller):
-            good = controller.ports()
-            noisy = processes.Ports(silent.getsockname()[1], server.getsockname()[1], 0, 0)
-            client = processes.clients(
-                *(tmp_path / 'client.log', {'noisy': noisy, 'good': good}, domain),
-                run=patient.COMMAND,
-            )
-            peer = RosPeer(domain, prefix='/good')
-            try:
-                peer.wait_until_ready()
-                assert flooded.wait(30.0)
-                more_joint_states(peer)
-                peer.enable()
-                assert move(peer, 0.2).result()[0] == 'succeeded'
-            finally:
-                flooding.set()
-                peer.close()
-                ended = client.end()
-                thread.join()
-    assert ended == 0
-    lines = [line for line in client.log_text().splitlines() if 'bad frame' in line]
-    assert lines
-    assert all('[noisy.epson_driver]' in line for line in lines)
-
-
 def run_clients(tmp_path: Path, *arguments: str, file: str = '') -> subprocess.CompletedProcess:
     """Run drivers that must end with an error."""
     parameters = tmp_path / 'robots.yaml'
@@ -338,10 +225,6 @@ def test_robot_with_invalid_parameter_is_named(tmp_path: Path) -> None:
     [
         (('--namespace=left', '--namespace=left'), ('/left/epson_driver', 'two robots')),
         (('--namespace=not-a-name',), ('--namespace not-a-name', 'nvalid')),
-        (
-            ('--namespace=left', '--namespace=right', '--ros-args', '-r', '__ns:=/cell', '--'),
-            ('/cell/epson_driver', 'two robots'),
-        ),
     ],
 )
 def test_invalid_or_duplicate_namespaces_are_rejected(

@@ -3,6 +3,7 @@
 """Goals smoothed by the driver, end to end."""
 
 from collections.abc import Iterator
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,9 @@ FAR = [1.5, 0.0, 0.3, 0.1, -0.6, 0.1]
 @pytest.fixture(scope='module')
 def smooth_cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     """One enabled cell with the SPEL+ program, whose arm is at START after every test."""
-    cell = cell_with(tmp_path_factory.mktemp('cell'), 'spel').ready()
-    cell.peer.enable()
-    yield cell
-    cell.close()
+    with closing(cell_with(tmp_path_factory.mktemp('cell'), 'spel')) as cell:
+        cell.ready().peer.enable()
+        yield cell
 
 
 def go_back(cell: Cell) -> None:

@@ -126,8 +126,8 @@ def test_stop_ends_the_move_to_a_point(cell: Cell) -> None:
 @pytest.mark.parametrize(
     ('action', 'name', 'speed', 'expected'),
     [
-        (GO, 'nowhere', 0.0, 'nowhere: the points are'),
-        (FORGET, 'nowhere', 0.0, 'nowhere: the points are'),
+        (GO, 'nowhere', 0.0, 'no point named nowhere: the points are'),
+        (FORGET, 'nowhere', 0.0, 'no point named nowhere: the points are'),
         (GO, 'pick', 1.5, 'speed = 1.5: must be'),
         (GO, 'pick', float('nan'), 'speed = nan: must be'),
         (TEACH, '', 0.0, 'must be a word'),

@@ -18,6 +18,9 @@ from epson_driver.processes.processes import free_ros_domain, ros_environment
 pytestmark = pytest.mark.invariant(7)
 
 LAUNCHERS = Path(sys.prefix) / 'lib' / 'epson_driver'
+OFTEN = ('client', 'smooth_goals', 'report', 'spel')
+"""Executables whose usage is printed in test-rest. The others have the same launcher."""
+
 PROGRAM = Path(__file__).parents[1] / 'exercise' / 'programs' / 'good.py'
 FREE = [f'--{port}-port=0' for port in ('motion', 'state', 'io', 'remote')]
 MOVE = """
@@ -60,7 +63,13 @@ def test_traps_record_an_import(tmp_path: Path) -> None:
     assert sprung(made)
 
 
-@pytest.mark.parametrize('name', EXECUTABLES)
+@pytest.mark.parametrize(
+    'name',
+    [
+        name if name in OFTEN else pytest.param(name, marks=pytest.mark.soak)
+        for name in EXECUTABLES
+    ],
+)
 def test_executable_prints_its_usage(folder: Path, name: str) -> None:
     assert ended(started(folder, name, '--help')).startswith(f'usage: epson_driver {name} ')
 
@@ -81,9 +90,7 @@ def test_program_moves_a_simulated_robot(folder: Path) -> None:
     'words',
     [
         ['demo'],
-        ['doctor'],
         ['exercise', '--fault=pause', '--timeout=150', '--', sys.executable, str(PROGRAM)],
-        ['fleet', '--robots=1', '--seconds=1'],
     ],
     ids=lambda words: words[0],
 )

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Paths of blended lines and arcs: smooth seams, corners and refusals."""
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -70,20 +68,6 @@ def test_blend_is_within_its_radius_and_path_speed(radius):
     assert run.seams[-1] == pytest.approx(0.2 + SEGMENTS['line, line'][1].length)
 
 
-def test_corner_without_a_blend_is_a_rest():
-    first, second = runs(SEGMENTS['line, line'], [0.0])
-    assert (first.last, second.last) == (0, 1)
-    np.testing.assert_allclose(first.pose(first.seams[-1]), CORNER, atol=1e-12)
-    np.testing.assert_allclose(second.pose(0.0), CORNER, atol=1e-12)
-
-
-def test_blends_can_use_the_whole_segment():
-    square = [pose(0, 0, 0), pose(0.1, 0, 0), pose(0.1, 0.1, 0), pose(0, 0.1, 0)]
-    segments = [line(a, b) for a, b in itertools.pairwise(square)]
-    (run,) = runs(segments, [0.05, 0.05])
-    assert [round(part.length, 9) for part in run.parts] == [0.05, 0.1, 0.1, 0.05]
-
-
 def test_blend_longer_than_the_segment_is_refused():
     with pytest.raises(
         BlendError, match=r'the motion is 0\.2 m long, shorter than the blend of 0\.21 m'
@@ -98,12 +82,6 @@ def test_blend_longer_than_the_segment_is_refused():
     spot = [line(START, pose(0.0, 0.0, 0.0, turn=(0.5, 0.0, 0.0))), line(START, CORNER)]
     with pytest.raises(BlendError, match=r'the motion is 0 m long'):
         runs(spot, [0.01])
-
-
-def test_segment_without_motion_is_refused():
-    with pytest.raises(BlendError, match='already there') as caught:
-        runs([line(START, CORNER), line(CORNER, CORNER)], [0.0])
-    assert caught.value.index == 1
 
 
 def test_pure_rotation_is_a_separate_run():

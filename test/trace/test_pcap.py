@@ -6,13 +6,18 @@ import io
 import shutil
 import struct
 import subprocess
+from pathlib import Path
 
 import pytest
-from support.recorded_run import Recorder
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from support.examples import examples
+from support.recorded_run import Recorder, usual_run
 
+from epson_driver.inputs import InputError
 from epson_driver.simple_message import Status
+from epson_driver.trace.messages import MessagesError, messages_of
 from epson_driver.trace.pcap import (
-    MAX_SEGMENT_BYTES,
     Conversation,
     Flag,
     PcapError,
@@ -21,6 +26,7 @@ from epson_driver.trace.pcap import (
     Stream,
     read_segments,
 )
+from epson_driver.trace.recording import read_recording
 
 CLIENT = ('192.168.0.10', 50123)
 SERVER = ('192.168.0.1', 11002)
@@ -109,21 +115,6 @@ def test_sequence_numbers_acknowledge_earlier_data():
 
 def packet_of(file, number):
     return list(records(file))[number][1]
-
-
-def test_receiver_acknowledges_within_the_window():
-    file = written(
-        *[from_server(bytes(1000))] * 200, from_server(bytes(3 * MAX_SEGMENT_BYTES + 1))
-    )
-    sent = acknowledged = None
-    for segment, (_, packet) in zip(read_segments(file), records(file), strict=True):
-        if segment.source == SERVER:
-            sent = segment.sequence + len(segment.data)
-            assert len(segment.data) <= MAX_SEGMENT_BYTES
-            assert acknowledged is None or sent - acknowledged < 65535
-        else:
-            acknowledged = struct.unpack_from('!I', packet, 42)[0] or None
-    assert sent - acknowledged < 16384
 
 
 @pytest.mark.parametrize(
@@ -225,18 +216,6 @@ def test_segments_are_ordered_without_duplicates():
     assert not stream.waiting
 
 
-def test_data_after_the_second_gap_waits_for_it():
-    def segment(sequence, data):
-        return Segment(0, SERVER, CLIENT, sequence, 0, data)
-
-    stream = Stream()
-    assert stream.take(segment(100, b'ab')) == b'ab'
-    assert stream.take(segment(104, b'ef')) == b''
-    assert stream.take(segment(108, b'ij')) == b''
-    assert stream.take(segment(102, b'cd')) == b'cdef'  # without the data after the second gap
-    assert stream.take(segment(106, b'gh')) == b'ghij'
-
-
 @pytest.mark.skipif(shutil.which('tshark') is None, reason='tshark is not installed')
 @pytest.mark.parametrize(
     'fault',
@@ -257,3 +236,53 @@ def test_wireshark_reports_no_errors(fault, tmp_path):
 
     assert matching(fault) == ''
     assert len(matching('tcp.checksum.status == 1').splitlines()) > 40
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize('place', ['/dev/zero', '/', '/nowhere/run.pcap', '/tmp/\0', 'x' * 5000])
+def test_path_that_is_no_file_is_refused(place: str) -> None:
+    with pytest.raises(InputError):
+        read_recording(Path(place))
+
+
+@pytest.mark.invariant(7)
+def test_lost_packet_does_not_slow_down_the_following() -> None:
+    """Sorting all waiting segments per segment would take hours for a long capture."""
+    ends = ('10.0.0.1', 11002), ('10.0.0.2', 50000)
+    stream = Stream()
+    assert stream.take(Segment(0.0, *ends, 0, Flag.ACK, b'a')) == b'a'
+    for number in range(40_000):
+        assert stream.take(Segment(0.0, *ends, 2 + number, Flag.ACK, b'c')) == b''
+    assert stream.take(Segment(0.0, *ends, 1, Flag.ACK, b'b')) == b'b' + b'c' * 40_000
+
+
+@pytest.mark.invariant(7)
+def test_segments_after_gaps_do_not_slow_down_ordered_segments() -> None:
+    """Sorting them for each ordered segment would take days for 100 MB."""
+    ends = ('10.0.0.1', 11002), ('10.0.0.2', 50000)
+    stream = Stream()
+    assert stream.take(Segment(0.0, *ends, 0, Flag.ACK, b'a')) == b'a'
+    for number in range(40_000):
+        assert stream.take(Segment(0.0, *ends, 1_000_000 + 2 * number, Flag.ACK, b'c')) == b''
+        assert stream.take(Segment(0.0, *ends, 1 + number, Flag.ACK, b'b')) == b'b'
+
+
+CHANGES = st.lists(st.tuples(st.integers(0, 3000), st.binary(max_size=30)), max_size=4)
+
+
+@pytest.mark.invariant(7)
+@settings(max_examples=examples(300), suppress_health_check=list(HealthCheck))
+@given(changes=CHANGES, end=st.none() | st.integers(0, 3000))
+def test_inv7_random_bytes_are_read_or_refused(tmp_path, changes, end):
+    path = tmp_path / 'run.pcap'
+    usual_run().write(path)
+    content = bytearray(path.read_bytes()[:end])
+    for start, data in changes:
+        content[start : start + len(data)] = data
+    path.write_bytes(content)
+    text = ''
+    try:
+        messages_of(read_recording(path))
+    except (PcapError, MessagesError, InputError) as error:
+        text = str(error)
+    assert text.isprintable()

@@ -97,7 +97,7 @@ def test_one_controller_is_chosen_and_others_ignored():
     web = Step(steps[0].time, 7, ('10.0.0.9', 80), RECEIVED, b'HTTP/1.1 200 OK\r\n' * 5)
     assert ports([*steps, web]) == {'motion': 11000, 'state': 11002}
     second = [Step(s.time, s.number + 8, ('10.0.0.2', 11002), s.event, s.data) for s in steps]
-    with pytest.raises(MessagesError, match=r'10\.0\.0\.1, 10\.0\.0\.2 are in it'):
+    with pytest.raises(MessagesError, match=r'10\.0\.0\.1, 10\.0\.0\.2 are in the recording'):
         messages_of([*steps, *second])
     assert ports([*steps, *second], HOST) == {'motion': 11000, 'state': 11002}
     with pytest.raises(MessagesError, match='no connection'):
@@ -115,5 +115,6 @@ def test_two_ports_with_equal_roles_are_refused():
     ]
     with pytest.raises(MessagesError) as refused:
         messages_of([*steps, *second])
-    message = 'two ports of the same kind are in it: 11000 (motion), 11002 (state), 50000 (state)'
+    ports_of_roles = '11000 (motion), 11002 (state), 50000 (state)'
+    message = f'the recording has two ports with the same role: {ports_of_roles}'
     assert str(refused.value) == message

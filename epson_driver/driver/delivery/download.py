@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The download interface: a whole trajectory is sent before the arm moves.
 
-It follows ROS-Industrial's motion_download_interface. All points are sent as topics. Their
-sequence number is -1 for the first point, -3 for the last, and the index for all others. A
-trajectory of one point is sent as two points. STOP is sent as a request.
+It follows ROS-Industrial's motion_download_interface. All points are sent as topics. The first
+point has the sequence number -1, the last point -3, and every other point its index. A trajectory
+of one point is sent as two points. STOP is sent as a request.
 
-Points have no replies. Only the robot state shows whether the arm has executed them. A trajectory
-that exceeds the controller's buffer is therefore rejected before any point is sent.
+Points have no replies, so only the robot state shows whether the arm has executed them. Therefore
+a trajectory that exceeds the controller's buffer is rejected before any point is sent.
 """
 
 import asyncio
@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from epson_driver.driver.delivery.delivery import Delivery, OnReply, PreparedTrajectory
-from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, STOP, trajectory_points
+from epson_driver.driver.delivery.streaming import MIN_DURATION_S, STOP, trajectory_points
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.motion import Array, Trajectory
 from epson_driver.simple_message import (
@@ -28,29 +28,21 @@ from epson_driver.simple_message import (
     reply,
 )
 
-MAX_UNSENT_BYTES = 16384
-"""The next point is sent when at most this many bytes are still in the send buffer."""
-
-MAX_START_DELAY_S = 0.1
-"""Maximum start delay of the arm in addition to the dead times of all points, s."""
-
-UNSENT_CHECK_PERIOD_S = 0.005
-"""Period for checking whether the send buffer has space for another point, s."""
+MAX_UNSENT_BYTES = 16384  # the next point waits while more are in the send buffer
+MAX_START_DELAY_S = 0.1  # maximum start delay beyond the dead times of all points, s
+UNSENT_CHECK_PERIOD_S = 0.005  # period for checking whether the send buffer has space, s
 
 ASSUMED_REPLY = reply(JointPosition(), ReplyCode.SUCCESS)
 """Packet that `on_reply` receives after a point, because topics have no replies."""
 
 
 class Download(Delivery):
-    """Points as JOINT_TRAJ_PT topics."""
-
     no_streams = (
         'with interface: download the arm follows no setpoint streams, because it starts after '
         'the last point of a trajectory: send trajectories'
     )
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """Return the messages. Raises GoalRejectedError if they exceed the controller's buffer."""
         points = trajectory_points(
             trajectory, start, self._limits, self._mapping, self._rules.uses
         )
@@ -68,7 +60,7 @@ class Download(Delivery):
         )
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a point or STOP. After a point, `on_reply` is called when the next may be sent."""
+        """Send a point or STOP. After a point, `on_reply` is called when the next may follow."""
         if message == STOP:
             self._link.post(message, on_reply)
             return
@@ -84,10 +76,7 @@ class Download(Delivery):
 
 
 def download_sequences(points: list[JointTrajPt]) -> list[JointTrajPt]:
-    """Return `points`, numbered 0, 1, 2, …, with the sequence numbers of a download.
-
-    A single point is duplicated.
-    """
+    """Return `points` with the sequence numbers of a download. Duplicate a single point."""
     if len(points) == 1:
         points = [*points, replace(points[0], duration=MIN_DURATION_S)]
     first, *between, last = points
@@ -99,6 +88,5 @@ def download_sequences(points: list[JointTrajPt]) -> list[JointTrajPt]:
 
 
 def _twice(trajectory: Trajectory) -> Trajectory:
-    """Return a trajectory of one point with this point duplicated."""
     times = np.array([0.0, MIN_DURATION_S]) + trajectory.times[0]
     return Trajectory(trajectory.joint_names, times, np.repeat(trajectory.positions, 2, axis=0))

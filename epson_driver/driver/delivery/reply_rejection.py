@@ -6,7 +6,7 @@ from epson_driver.driver.delivery.statements import StatementReply
 from epson_driver.simple_message import MotionReply, Packet, ReplyCode
 from epson_driver.simple_message.motoman import Invalid, NotReady, Result
 
-RESULTS: dict[int, str] = {
+RESULTS: dict[int, str] = {  # texts for the results of a MOTION_REPLY
     Result.BUSY: 'BUSY: its queue is full',
     Result.FAILURE: 'FAILURE',
     Result.INVALID: 'INVALID: the message is wrong',
@@ -14,9 +14,8 @@ RESULTS: dict[int, str] = {
     Result.NOT_READY: 'NOT_READY: it cannot move now',
     Result.MP_FAILURE: 'MP_FAILURE: a function of the controller failed',
 }
-"""Texts for the results of a MOTION_REPLY."""
 
-SUBCODES: dict[int, str] = {
+SUBCODES: dict[int, str] = {  # texts for MotoROS 1.9
     Invalid.UNSPECIFIED: 'unknown reason',
     Invalid.MSGSIZE: 'the size of the message',
     Invalid.MSGHEADER: 'the header of the message',
@@ -46,13 +45,12 @@ SUBCODES: dict[int, str] = {
     NotReady.PFL_ACTIVE: 'the power and force limitation is active',
     NotReady.INC_MOVE_ERROR: 'the incremental motion failed',
 }
-"""Texts for the subcodes of a MOTION_REPLY (MotoROS 1.9)."""
 
 
 def reply_rejection(packet: Packet) -> str | None:
-    """Return why the controller rejects a request, or None if its reply accepts the request.
+    """Return why a reply rejects its request, or None if it accepts it.
 
-    The header of Motoman's replies is always SUCCESS, so the result in the body is used.
+    Motoman's replies always have SUCCESS in the header, so the result in the body decides.
     """
     message = packet.message
     if isinstance(message, StatementReply):

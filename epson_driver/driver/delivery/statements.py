@@ -3,8 +3,9 @@
 """Motions as SPEL+ statements, for a controller without a program.
 
 The statements Go, Move and Arc3 are sent by the `$Execute` command of Remote Ethernet. The
-controller plans the motion: it accepts a target and a speed, but no times along the path. Plans of
-several points and setpoint streams are therefore rejected, with a text that names alternatives.
+controller plans the motion. It accepts a target and a speed, but no times along the path.
+Therefore setpoint streams and plans of several points are rejected, with a text that names
+alternatives, except for a plan along a straight line of the tool.
 """
 
 from dataclasses import dataclass
@@ -25,28 +26,22 @@ from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.remote_ethernet.client import RemoteError
 from epson_driver.robots.kinematics import Kinematics, uvw
 from epson_driver.simple_message import Message, ReplyCode, reply
+from epson_driver.tool_motion.pose_path import SHORTEST_PATH, line
 from epson_driver.tool_motion.tool_trajectory import ToolLimits
 
-TOOL_NUMBER = 15
-"""Number of the controller's tool that is set (TLSet) for lines and arcs."""
-
-SAME_M = 1e-6
-"""Tool displacement below which a line is a pure rotation, m."""
-
-MAX_COMPARED = 2000
-"""Maximum number of planned positions that are compared with the via point of an arc."""
-
-AT_START = 0.02
-"""Maximum distance of all points except the last from the arm's position, rad or m."""
-
-MAX_CHARACTERS = 4060
-"""Maximum length of the text of one `$Execute` (RC+ 7.0 user's guide)."""
+TOOL_NUMBER = 15  # number of the controller's tool that is set (TLSet) for lines and arcs
+SAME_M = 1e-6  # tool displacement below which a line is a pure rotation, m
+MAX_COMPARED = 2000  # planned positions compared with the via point of an arc
+AT_START = 0.02  # maximum distance of all points except the last from the arm's position, rad or m
+STRAIGHT_M, STRAIGHT_RAD = 1e-4, 1e-3  # maximum deviation of tool 0 from a straight line
+STRAIGHT_STEP = 0.1  # maximum distance of a joint between two points of a straight line, rad or m
+MAX_CHARACTERS = 4060  # maximum length of the text of one `$Execute` (RC+ 7.0 user's guide)
 
 NO_TIMES = 'over Remote Ethernet alone the controller accepts no points and times'
 NO_PLANS = (
     f'a plan of {{}} points: {NO_TIMES}. '
-    'Send only its last point, or motion primitives (move_joints, move_line, move_arc in Python), '
-    'or load the controller program'
+    'Send only its last point, a straight line of tool0, or motion primitives (move_joints, '
+    'move_line, move_arc in Python), or load the controller program'
 )
 
 FIXED_SPEED = (
@@ -57,16 +52,15 @@ FIXED_SPEED = (
 
 @dataclass(frozen=True, slots=True)
 class Statement(Message):
-    """SPEL+ statements for `$Execute`, which replies when their motion is over."""
+    """SPEL+ statements for `$Execute`. The reply arrives when their motion is over."""
 
     text: str
-    duration: float = inf
-    """Expected time until the reply, s, infinite because only the controller knows it."""
+    duration: float = inf  # expected time until the reply, s: unknown
 
 
 @dataclass(frozen=True, slots=True)
 class StatementReply(Message):
-    """The reply to a Statement or to `$Abort`. `why`: the reason of a failure, or ''."""
+    """The reply to a Statement or to `$Abort`. `why`: the reason why it failed, or ''."""
 
     why: str = ''
 
@@ -81,22 +75,20 @@ class Load:
 
     @property
     def text(self) -> str:
-        """Statements that set the payload."""
         return (
             f'Weight {self.mass:.4g}; Inertia {self.inertia:.4g}, {self.eccentricity * 1e3:.4g}; '
         )
 
 
 def last_point(trajectory: Trajectory) -> Trajectory:
-    """Return a trajectory that consists of the last point only."""
     return Trajectory(trajectory.joint_names, trajectory.times[-1:], trajectory.positions[-1:])
 
 
 class StatementDelivery(Delivery):
-    """Motions as SPEL+ statements. A trajectory becomes one `Go` to its last point.
+    """Motions as SPEL+ statements. A trajectory becomes one `Go` or `Move` to its last point.
 
-    Only `power` and `slowest` of the rules are used. Targets are joint positions in the ROS
-    convention, shape (n,), rad or m, which also determine the arm's posture.
+    Only the rules `power` and `slowest` are used. A target is an array of joint positions in the
+    ROS convention, shape (n,), rad or m, so it also determines the arm's posture.
     """
 
     no_plans = NO_TIMES
@@ -110,26 +102,29 @@ class StatementDelivery(Delivery):
     ) -> None:
         super().__init__(link, limits, mapping, rules)
         self._remote = link
-        self.load: Load | None = None
-        """Payload that each motion sets, or None to keep the controller's setting."""
+        self.load: Load | None = None  # that each motion sets; None: the controller's
+        self.arm: Kinematics | None = None  # for detecting straight lines; None: none is detected
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """Return a joint move to the last point, no faster than the plan's duration requires.
+        """Return one joint move to the last point, or one line if tool 0 moves on a line.
 
-        Raises GoalRejectedError if an earlier point is not at the arm's position.
+        It takes at least as long as the plan.
         """
-        if np.any(np.abs(trajectory.positions[:-1] - start) > AT_START):
-            text = NO_PLANS.format(len(trajectory.times))
-            raise GoalRejectedError(ErrorCode.INVALID_GOAL, text)
-        target, duration = trajectory.positions[-1], max(trajectory.duration, 1e-3)
-        needed = float(np.max(np.abs(target - start) / self._limits.velocity)) / duration
-        fraction = min(max(needed, self._rules.slowest), 1.0)
-        move = Statement(self.joints(target, fraction, fraction))
-        return PreparedTrajectory(last_point(trajectory), [move])
+        whole = np.vstack([start, trajectory.positions])
+        target, duration = whole[-1], max(trajectory.duration, 1e-3)
+        if np.any(np.abs(whole[1:-1] - start) > AT_START):
+            speeds = None if self.arm is None else _straight(self.arm, whole, duration)
+            if self.arm is None or speeds is None:
+                text = NO_PLANS.format(len(trajectory.times))
+                raise GoalRejectedError(ErrorCode.INVALID_GOAL, text)
+            text = self.path(self.arm, np.eye(4), whole, speeds)
+        else:
+            needed = float(np.max(np.abs(target - start) / self._limits.velocity)) / duration
+            fraction = min(max(needed, self._rules.slowest), 1.0)
+            text = self.joints(target, fraction, fraction)
+        return PreparedTrajectory(last_point(trajectory), [Statement(text)])
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a Statement, or STOP as `$Abort`. Raises ConnectionError if the link is down."""
-
         def on_answer(value: str | Exception) -> None:
             if isinstance(value, ConnectionError):
                 return  # the link reports its end
@@ -145,7 +140,7 @@ class StatementDelivery(Delivery):
             self._remote.abort(on_answer)
 
     def joints(self, target: Array, speed: float, acceleration: float) -> str:
-        """Return the statements of a joint move. `speed`, `acceleration`: fraction of maximum."""
+        """Return the statements of a joint move. `speed`, `acceleration`: fractions of maxima."""
         percent, ramp = _percent(speed), _percent(acceleration)
         text = f'Speed {percent}; Accel {ramp}, {ramp}; Go {self._point(target)}'
         return f'{self._settings}; {text}'
@@ -187,6 +182,31 @@ class StatementDelivery(Delivery):
         return f'JA({", ".join(f"{value:.5f}" for value in values * scales)})'
 
 
+def _straight(arm: Kinematics, positions: Array, duration: float) -> ToolLimits | None:
+    """Return the speeds of a plan along a straight line of tool 0, or None for any other plan.
+
+    positions: shape (k, n), rad or m, the first of which is the start. duration: of the plan, s.
+    """
+    poses = [arm.forward(row) for row in positions]
+    path = line(poses[0], poses[-1])
+    turns = path.length < SHORTEST_PATH
+    size = path.angle if turns else path.length
+    if size < SHORTEST_PATH or np.abs(np.diff(positions, axis=0)).max() > STRAIGHT_STEP:
+        return None
+    moved = [line(poses[0], pose) for pose in poses]
+    fractions = np.array([part.angle if turns else part.length for part in moved]) / size
+    for pose, fraction in zip(poses, fractions.tolist(), strict=True):
+        off = line(path.pose(fraction), pose)
+        if off.length > STRAIGHT_M or off.angle > STRAIGHT_RAD:
+            return None
+    if np.diff(fractions).min() * size < -(STRAIGHT_RAD if turns else STRAIGHT_M):  # it turns back
+        return None
+    usual, ramp = ToolLimits(), 4.0 / duration
+    speed = usual.speed if turns else max(path.length / duration, 1e-4)
+    turn_speed = max(path.angle / duration, 2e-3)
+    return ToolLimits(speed, speed * ramp, turn_speed, turn_speed * ramp)
+
+
 def _percent(fraction: float) -> int:
     return min(max(round(fraction * 100), 1), 100)
 
@@ -194,8 +214,9 @@ def _percent(fraction: float) -> int:
 def _passing(arm: Kinematics, positions: Array, via: Array) -> Array:
     """Return joint positions that place the tool at the position `via`.
 
-    `positions`: planned joint positions. The tool has the orientation of the one nearest to `via`,
-    which is returned if `via` cannot be reached.
+    `positions`: planned joint positions, shape (k, n). The tool's orientation is taken from the
+    planned position that is nearest to `via`. If the arm cannot reach `via`, this planned position
+    is returned.
     """
     positions = positions[:: len(positions) // MAX_COMPARED + 1]
     poses = [arm.forward(row) for row in positions]
@@ -207,7 +228,7 @@ def _passing(arm: Kinematics, positions: Array, via: Array) -> Array:
 
 
 def _tool(pose: Array) -> str:
-    """Return the statements that select a tool. `pose`: in the flange frame, shape (4, 4), m."""
+    """Return the statements that select a tool, with its `pose` in the flange frame, (4, 4), m."""
     if np.allclose(pose, np.eye(4), atol=1e-9):
         return 'Tool 0'
     frame = [*(pose[:3, 3] * 1e3), *np.degrees(uvw(pose[:3, :3]))]

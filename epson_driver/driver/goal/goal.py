@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A goal in the controller's joint order, its checks, and the check for arrival."""
+"""A goal in the controller's joint order, its checks, and the check whether it is reached."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -17,17 +17,13 @@ from epson_driver.simple_message import Message
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tolerances:
-    """Maximum errors of each joint, shape (n,), inf for a joint without a limit.
-
-    position: rad. velocity: rad/s.
-    """
+    """Maximum errors of each joint, rad and rad/s, shape (n,). inf: no limit."""
 
     position: Array
     velocity: Array
 
     @property
     def checked(self) -> bool:
-        """Whether any joint has a limit."""
         return bool(np.isfinite(self.position).any() or np.isfinite(self.velocity).any())
 
     def violation(
@@ -37,11 +33,7 @@ class Tolerances:
         velocity_error: Array,
         unit: Callable[[int], str] = lambda _: 'rad',
     ) -> str | None:
-        """Return the worst violation as text, with joint, error and tolerance, or None.
-
-        Velocity errors are only evaluated if no position error exceeds its tolerance.
-        `unit(joint)` returns the unit of the position of a joint, which is given by its index.
-        """
+        """Return the worst violation as text, or None. Position errors come first."""
         for quantity, errors, limits, per in (
             ('position', position_error, self.position, ''),
             ('velocity', velocity_error, self.velocity, '/s'),
@@ -61,56 +53,47 @@ class Tolerances:
 class Goal:
     """A trajectory in the controller's joint order, with its tolerances.
 
-    * `goal_tolerance`: shape (n,), rad; inf disables the check of a joint.
-    * `goal_time`: maximum delay after the planned end, s; 0 means no limit.
-    * `goal_velocity`: velocity below which each joint counts as stopped, shape (n,), rad/s. A
-      lower `GoalSettings.stopped_velocity` replaces it. None: always use that setting.
-    * `path_tolerance`: maximum deviation from the plan at each time; None: not checked.
-    * `units`: 'rad' or 'm', one per joint; empty: all rad.
-    * `may_end_moving`: the last point may have a velocity. The arm comes to rest there anyway.
-    * `message`: SPEL+ statements that execute the whole goal by Remote Ethernet; None: the
-      messages are created from the trajectory.
-    * `start`: earliest start by the event loop's clock, s; 0: immediately.
+    * `goal_velocity`: velocity below which each joint counts as stopped, shape (n,), rad/s. It is
+      used if it is below `GoalSettings.stopped_velocity`.
+    * `may_end_moving`: whether the last point may have a velocity. The arm comes to rest there in
+      any case.
+    * `message`: SPEL+ statements that execute the whole goal by Remote Ethernet, or None.
+    * `planned`: the plan with its own times. A time-optimal motion must not exceed the plan's
+      velocity and acceleration. None: only the joint limits apply.
 
     The goal queue checks every goal before sending any part of it.
     """
 
     trajectory: Trajectory
-    goal_tolerance: Array
-    goal_time: float
+    goal_tolerance: Array  # shape (n,), rad; inf disables the check of a joint
+    goal_time: float  # maximum delay after the planned end, s; 0 means no limit
     goal_velocity: Array | None = None
     path_tolerance: Tolerances | None = None
-    units: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()  # 'rad' or 'm', one per joint; empty: all rad
     may_end_moving: bool = False
     message: Message | None = None
-    start: float = 0.0
+    start: float = 0.0  # earliest start by the event loop's clock, s; 0: immediately
+    planned: Trajectory | None = None
 
     def unit(self, joint: int) -> str:
-        """Return the unit of a joint's position, by its index."""
         return self.units[joint] if self.units else 'rad'
 
 
 def late_start(start: float, now: float) -> str:
-    """Return a text for the outcome if a goal due at `start` started too late at `now`, or ''."""
+    """Return a text about the delay of a goal that starts at `now` instead of `start`, or ''."""
     if not start or now - start <= MAX_UNREPORTED_DELAY_S:
         return ''
     return f'; it started {now - start:.3g} s after its header.stamp'
 
 
-MAX_MENTIONED_PROBLEMS = 5
-"""Maximum number of violations listed in an error text."""
-
-MAX_UNREPORTED_DELAY_S = 0.1
-"""Maximum delay of a start that the outcome does not mention, s."""
+MAX_MENTIONED_PROBLEMS = 5  # maximum number of violations listed in an error text
+MAX_UNREPORTED_DELAY_S = 0.1  # maximum delay of a start that the outcome does not mention, s
 
 
 def checked_goal(goal: Goal, limits: JointLimits) -> Goal:
     """Check a goal, and return it with positions inside the limits.
 
-    Positions that exceed a limit only by a rounding error are set to the limit.
-
-    Raises GoalRejectedError (INVALID_JOINTS) if the joints or their order differ from `limits`, or
-    if an array has the wrong shape, and (INVALID_GOAL) if `check_limits` finds a violation.
+    A position that exceeds a limit only by a rounding error is set to the limit.
     """
     trajectory, names = goal.trajectory, limits.names
     if trajectory.joint_names != names:
@@ -140,10 +123,7 @@ def checked_goal(goal: Goal, limits: JointLimits) -> Goal:
 def check_limits(
     trajectory: Trajectory, limits: JointLimits, *, may_end_moving: bool = False
 ) -> None:
-    """Raise GoalRejectedError (INVALID_GOAL) if the trajectory is invalid or exceeds a limit.
-
-    The velocity of the last point must be 0 unless `may_end_moving` is set.
-    """
+    """Raise GoalRejectedError (INVALID_GOAL) if the trajectory exceeds a limit."""
     if result := list(problems(trajectory, limits)):
         raise GoalRejectedError(ErrorCode.INVALID_GOAL, listed(result))
     if not may_end_moving and (result := list(_end_velocities(trajectory, limits))):
@@ -154,10 +134,9 @@ def check_limits(
 def check_start(
     trajectory: Trajectory, actual: Array, limits: JointLimits, tolerance: float
 ) -> None:
-    """Raise GoalRejectedError (INVALID_GOAL) unless the trajectory starts where the arm is.
+    """Raise GoalRejectedError unless the arm can reach the first point by the point's time.
 
-    A first point at time 0 must be within `tolerance` (rad) of `actual` (shape (n,), rad). If the
-    first point has a later time, the arm must be able to reach it by then.
+    `actual`: position of the arm.
     """
     offset = np.abs(trajectory.positions[0] - actual)
     time = float(trajectory.times[0])
@@ -188,8 +167,7 @@ def check_start(
 def untimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
     """Return a trajectory with the same positions and provisional times.
 
-    The times respect the velocity limits. The first time is unchanged, because it shows whether
-    the first point is the arm's position (0 s) or a target.
+    The first time is unchanged: 0 s means that the first point is the arm's position.
     """
     steps = np.abs(np.diff(trajectory.positions, axis=0)) / limits.velocity
     durations = np.nan_to_num(steps.max(axis=1)) * 1.01 + 1e-3
@@ -209,85 +187,73 @@ def _end_velocities(trajectory: Trajectory, limits: JointLimits) -> Iterable[str
 
 
 def listed(violations: Sequence[str]) -> str:
-    """Return one text with the first few violations and the number of the others."""
     text = '; '.join(violations[:MAX_MENTIONED_PROBLEMS])
     rest = len(violations) - MAX_MENTIONED_PROBLEMS
     return f'{text}; and {rest} more' if rest > 0 else text
 
 
-CAUSE_TIMEOUT_S = 0.095
-"""Default of `GoalSettings.cause_timeout`, s. An EPSON controller sends a STATUS every 55 ms."""
-
-CAUSE_TIMEOUT_MARGIN_S = 0.04
-"""Margin of `cause_timeout` beyond the time between two STATUS messages, s."""
+CAUSE_TIMEOUT_S = 0.095  # default, s. An EPSON controller sends a STATUS every 55 ms
+CAUSE_TIMEOUT_MARGIN_S = 0.04  # beyond the time between two STATUS messages, s
 
 
 @dataclass(frozen=True, slots=True)
 class GoalSettings:
-    """Tolerances and timeouts of a goal execution.
+    """Tolerances and timeouts of a goal execution."""
 
-    * `stopped_velocity`: velocity below which a joint counts as stopped, rad/s.
-    * `reply_timeout`: maximum wait for a reply after the planned end of the move, s. It counts
-      only while the arm is at rest.
-    * `cause_timeout`: maximum wait for the STATUS with the cause after a point was rejected, s.
-    * `require_planned_speed`: reject plans and streams that the controller would execute faster.
-    """
-
-    stopped_velocity: float = 0.01
-    reply_timeout: float = 5.0
-    cause_timeout: float = CAUSE_TIMEOUT_S
-    require_planned_speed: bool = True
+    stopped_velocity: float = 0.01  # velocity below which a joint counts as stopped, rad/s
+    reply_timeout: float = 5.0  # after the planned end of the move, s, counted at rest only
+    cause_timeout: float = CAUSE_TIMEOUT_S  # for the STATUS after a point was rejected, s
+    require_planned_speed: bool = True  # reject plans and streams that would run faster
 
 
 def cause_timeout(state: StateProfile) -> float:
-    """Return the `cause_timeout` of goals for a controller with the profile `state`, s."""
     return state.period * (state.joint_positions_per_status + 1) + CAUSE_TIMEOUT_MARGIN_S
 
 
-MIN_DISPLACEMENT = 1e-3
-"""Minimum distance from start to goal for the check that the arm has moved closer, rad or m."""
+MIN_DISPLACEMENT = 1e-3  # rad or m: a longer motion must have come closer to the goal
 
 
 class Arrival:
-    """Detects whether the arm has arrived at the end of a goal's trajectory."""
-
     def __init__(self, goal: Goal) -> None:
         self._goal = goal
         self._departed = False
+        self.seen = False  # whether the arm was measured away from the goal
         self._start: Array | None = None
         self._distance = np.full(len(goal.trajectory.joint_names), np.inf)
 
-    @cached_property
+    @cached_property  # stored, because the calculation reads every point
     def _min_excursion(self) -> float:
-        """Result of `_min_excursion`, stored because the calculation reads every point."""
-        return _min_excursion(self._goal)
+        """Minimum distance from the goal, rad, at which the arm must have been.
+
+        It is needed because a path may end where it starts.
+        """
+        positions = self._goal.trajectory.positions
+        last, tolerance = positions[-1], self._goal.goal_tolerance
+        beyond = np.maximum(positions.max(axis=0) - last, last - positions.min(axis=0))
+        excursion, finite = float(beyond.max()), tolerance[np.isfinite(tolerance)]
+        return excursion / 2 if excursion > 2 * float(finite.max(initial=0.0)) else 0.0
 
     def update(self, positions: Array) -> None:
-        """Process measured positions, shape (n,), rad."""
         self._distance = np.abs(positions - self._goal.trajectory.positions[-1])
         if self._start is None:
             self._start = self._distance
+        self.seen |= bool(np.any(self._distance > self._goal.goal_tolerance))
         self._departed |= float(self._distance.max()) >= self._min_excursion
 
     def reached(self, *, at_rest: bool) -> bool:
-        """Return whether the arm has moved and is at the goal, within the goal tolerance.
-
-        `at_rest`: the controller reports that the arm is at rest. If False, the arm must also have
-        moved closer to the goal.
-        """
+        """Return whether the arm has moved and is at the goal. `at_rest`: reported at rest."""
         if not (self._departed and (at_rest or self._came_closer())):
             return False
         return bool(np.all(self._distance <= self._goal.goal_tolerance))
 
     def _came_closer(self) -> bool:
-        """Return whether the joint with the longest distance to move has covered half of it."""
+        """Return whether the joint with the longest move has covered half of its distance."""
         distance = self._distance
         start = distance if self._start is None else self._start
         joint = int(np.argmax(start))
         return bool(start[joint] < MIN_DISPLACEMENT or distance[joint] < start[joint] / 2)
 
     def shortfall(self) -> str:
-        """Return why an arm at rest has not reached the goal, as text."""
         if not self._departed:
             return 'the controller acknowledged all points, but the arm did not move'
         distance, tolerance = self._distance, self._goal.goal_tolerance
@@ -299,15 +265,3 @@ class Arrival:
             f'the arm is at rest, but {name} is {distance[joint]:.6g} {unit} from the goal: '
             f'the tolerance is {tolerance[joint]:.6g} {unit}'
         )
-
-
-def _min_excursion(goal: Goal) -> float:
-    """Return the minimum distance from the goal at which the arm counts as having moved, rad.
-
-    A path may end where it starts. An arm that has not moved yet is then already at the goal.
-    """
-    positions = goal.trajectory.positions
-    last = positions[-1]
-    excursion = float(np.maximum(positions.max(axis=0) - last, last - positions.min(axis=0)).max())
-    finite = goal.goal_tolerance[np.isfinite(goal.goal_tolerance)]
-    return excursion / 2 if excursion > 2 * float(finite.max(initial=0.0)) else 0.0

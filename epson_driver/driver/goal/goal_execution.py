@@ -4,12 +4,11 @@
 
 The rules and the allowed transitions are in goal_states.py.
 
-GoalExecution has no clock and no I/O. Its owner passes in every event with its time, and messages
-are sent through a callable.
+GoalExecution has no clock and no I/O. Its owner passes every event and the event's time to it, and
+provides a function that sends messages.
 """
 
 import contextlib
-import logging
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property, partial
@@ -19,7 +18,7 @@ import numpy as np
 from epson_driver.driver.delivery.delivery import PreparedTrajectory
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.driver.delivery.statements import StatementReply
-from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, STOP
+from epson_driver.driver.delivery.streaming import MIN_DURATION_S, STOP
 from epson_driver.driver.goal.goal import Arrival, Goal, GoalSettings, check_start, late_start
 from epson_driver.driver.goal.goal_states import (
     AFTERMATH,
@@ -33,9 +32,13 @@ from epson_driver.driver.goal.goal_states import (
     GoalEvent,
     GoalState,
 )
-from epson_driver.driver.goal.reference import PointSchedule, SpeedScaling
-from epson_driver.driver.goal.remainder import remainder
-from epson_driver.driver.goal.timing_monitor import Timing, TimingMonitor
+from epson_driver.driver.goal.reference import (
+    PointSchedule,
+    SpeedScaling,
+    Timing,
+    TimingMonitor,
+    remainder,
+)
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.remedy import Remedy
 from epson_driver.driver.state.robot_state import JointSample, PauseDetector, RobotState
@@ -49,22 +52,16 @@ from epson_driver.link.replies import sequence_of
 from epson_driver.motion import Array, JointLimits
 from epson_driver.simple_message import Message, MotionReply, Packet, TriState
 
-SETTLE_TIME_S = 1.0
-"""Maximum time that the arm may be at rest away from the goal after the last reply, s."""
+SETTLE_TIME_S = 1.0  # maximum time at rest away from the goal after the last reply
 
 MAX_COUNTED_GAP_S = 0.5
 """Maximum time between two states that counts toward a timeout, s. A longer gap means that this
-process was not scheduled, or that the controller is silent, which the link detects separately
+process was not scheduled, or that the controller is silent. The link detects a silent controller
 (`ReceiveTimeout`)."""
 
-EARLY_S = 0.2
-"""Time subtracted from the estimated plan time of a pause, s, because a resumed goal should repeat
-points rather than skip them."""
+EARLY_S = 0.2  # subtracted from the plan time of a pause: repeat points rather than skip them
+ACCEPTED_EARLY = 2  # assumed points ahead of a paused arm, if the controller ignores times
 
-ACCEPTED_EARLY = 2
-"""Assumed number of acknowledged points ahead of a paused arm, if the controller ignores times."""
-
-_log = logging.getLogger(__name__)
 
 COUNTED_STATES = BRAKING_STATES | {GoalState.SETTLING}
 """States in which the arm must come to rest within the reply timeout."""
@@ -75,10 +72,7 @@ Raises ConnectionError if no link is available."""
 
 
 class GoalExecution:
-    """Streams a goal's points, decides its outcome and calls `on_end` with it exactly once.
-
-    Times (`now`) are monotonic, s.
-    """
+    """Streams a goal's points, decides its outcome and calls `on_end` with it exactly once."""
 
     def __init__(
         self,
@@ -93,13 +87,11 @@ class GoalExecution:
         self.goal = goal
         self.settings = settings
         self.state = GoalState.PREPARING
-        self.aftermath = UNKNOWN
-        """State of the arm after the goal has ended, as far as it is known."""
-        self.timing: Timing | None = None
-        """Planned and actual duration of a goal that succeeded, else None."""
+        self.aftermath = UNKNOWN  # of the arm after the goal has ended
+        self.timing: Timing | None = None  # of a goal that succeeded
         self.started = now
-        self.point = 0
-        """Number of accepted points, which is also the index of the pending point."""
+        self.plan_share = (1.0, 1.0)  # maximum velocity and acceleration / limits
+        self.point = 0  # number of accepted points, which is also the index of the pending point
         self._send = send
         self._on_end = on_end
         self._scaling = scaling or SpeedScaling()
@@ -116,6 +108,7 @@ class GoalExecution:
         self._due = 0.0  # time at which the next reply or the standstill is due by the plan
         self._last_check = now
         self._when_at_rest = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'stopped')
+        self._moved = False  # the controller has replied that the motion is over
         self._rejection = ''
         self._rejected_at = 0.0
         self._cause_waited = 0.0
@@ -123,20 +116,11 @@ class GoalExecution:
 
     @property
     def paused(self) -> bool:
-        """True while the controller is paused. The goal then waits."""
         return self._pause.paused
 
     @property
-    def resumed(self) -> bool:
-        """True if the trajectory is the rest of a plan after a pause."""
-        return self._paused_at is not None
-
-    @property
     def desired(self) -> tuple[float, Array, Array] | None:
-        """The planned state: time, s, positions and velocities, shape (n,), rad and rad/s.
-
-        None before the goal is prepared. The velocities are 0 during a pause and at the end.
-        """
+        """The current plan time, s, and the planned positions, rad, and velocities, rad/s."""
         if self._schedule is None:
             rest = self._paused_at
             return None if rest is None else (self._reached, rest, np.zeros_like(rest))
@@ -145,40 +129,39 @@ class GoalExecution:
         return max(self._passed + time, self._reached), *clock.desired()
 
     def speed(self, now: float) -> float:
-        """Return the current speed factor, or 0 while the controller is paused."""
         return 0.0 if self.paused else self._scaling.factor(now)
 
     @property
     def target(self) -> int:
-        """Index of the point to which the arm moves."""
         return 0 if self._schedule is None else min(self.point, len(self._schedule) - 1)
 
     @property
     def where(self) -> str:
-        """Progress of the goal, as text."""
         first = self._schedule is None
         return 'before its first point' if first else f'moving to point {self.target}'
 
     @property
     def ended(self) -> bool:
-        """True once the outcome is known."""
         return self.state in FINAL_STATES
 
     def start(
         self, prepared: PreparedTrajectory, now: float, position: Array | None = None
     ) -> None:
-        """Send the first point of a prepared trajectory unless the goal was stopped before.
+        """Send the first point, unless the goal has been stopped. `position`: of the arm, rad.
 
-        `prepared`: the goal's trajectory, or one derived from it. The plan's clock starts after
-        `prepared.delay`. `position`: position of the arm, shape (n,), rad; None: the first point.
+        Raises GoalRejectedError if the planned speed is required, but not supported.
         """
         if self.state is not GoalState.PREPARING:
             return
         trajectory = prepared.trajectory
-        self.goal = replace(self.goal, trajectory=trajectory)
         start = trajectory.positions[0] if position is None else position
+        first = self._paused_at is None
+        keep_speed = self.settings.require_planned_speed and self.goal.message is None
+        if self._timing_monitor is not None and first and keep_speed:
+            self._timing_monitor.check(trajectory, start, self._scaling.target)
+        self.goal = replace(self.goal, trajectory=trajectory)
         self._due = now + prepared.delay
-        if self._paused_at is None:
+        if first:
             self._start, self.started = start, now
         self._schedule = PointSchedule(prepared, start, self._scaling, self._due)
         self._standstill.alive = now
@@ -187,11 +170,10 @@ class GoalExecution:
 
     @cached_property
     def _arrival(self) -> Arrival:
-        """The check for arrival. Created after the goal is prepared, with its final trajectory."""
+        """The check whether the goal is reached. It is created when the trajectory is final."""
         return Arrival(self.goal)
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
-        """Handle the controller's reply to point `index`."""
         if self.state is not GoalState.STREAMING or index != self.point:
             if self.state in UNCONFIRMED_STATES:
                 self._handle_late_reply(packet, now)
@@ -205,18 +187,16 @@ class GoalExecution:
         if self._schedule is not None and self.point < len(self._schedule):
             self._send_point(now)
         else:
-            moved = isinstance(packet.message, StatementReply)  # it is sent after the motion
-            self._standstill.expect(max(now, self._due), 0.0 if moved else REST_TIME_S)
+            self._moved = isinstance(packet.message, StatementReply)  # it is sent after the motion
+            self._standstill.expect(max(now, self._due))
             self._step(GoalEvent.LAST_REPLY)
 
     def on_unsolicited_failure(self, now: float) -> None:
-        """Handle the rejection of a message that the controller had acknowledged."""
         if self.state in RUNNING_STATES:
             where = self._name(self.target)
             self._reject(f'the controller withdrew an acknowledgement before {where}', now)
 
     def on_state(self, robot: RobotState, now: float) -> None:
-        """Process the robot state after new joints or a new status."""
         sample = robot.sample
         if self.ended or sample is None:
             return
@@ -234,8 +214,8 @@ class GoalExecution:
             self._check_cause(robot, now - max(last_check, self._rejected_at))
             return
         reported = robot.in_motion != TriState.UNKNOWN
-        if self.state is GoalState.SETTLING and not reported:
-            self._standstill.expect_rest(UNREPORTED_REST_TIME_S)
+        if self.state is GoalState.SETTLING:
+            self._standstill.expect_rest(self._rest_time(reported=reported))
         if self._standstill.reached(sample.measured):
             if self.state is GoalState.SETTLING:
                 self._check_arrival(now, at_rest=reported)
@@ -245,17 +225,14 @@ class GoalExecution:
         self._check_timeouts(now)
 
     def cancel(self, now: float) -> None:
-        """Stop the arm. The goal ends as canceled when the arm is at rest."""
         outcome = Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled, the arm is at rest')
         self._stop(GoalEvent.CANCEL, outcome, now)
 
     def stop(self, why: str, now: float) -> None:
-        """Stop the arm. The goal ends as aborted, with the reason, when the arm is at rest."""
         outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, f'{why}, the arm is at rest')
         self._stop(GoalEvent.STOP, outcome, now)
 
     def pause(self, now: float) -> None:
-        """Stop the arm, and keep the goal until `resume`."""
         if self.state is GoalState.PREPARING:
             self._step(GoalEvent.PAUSE)
             return
@@ -263,10 +240,7 @@ class GoalExecution:
         self._stop(GoalEvent.PAUSE, outcome, now)
 
     def resume(self, sample: JointSample, limits: JointLimits, tolerance: float) -> None:
-        """Reduce a paused goal to the rest of its trajectory, from the arm's position.
-
-        Raises GoalRejectedError if the arm moved by more than `tolerance` (rad) during the pause.
-        """
+        """Replace a paused goal's trajectory by its remainder, starting at the arm's position."""
         if self._paused_at is None:
             check_start(self._plan, sample.positions, limits, tolerance)
         else:
@@ -301,7 +275,6 @@ class GoalExecution:
 
     @contextlib.contextmanager
     def ended_by_rejection(self) -> Iterator[None]:
-        """Call `fault` if the `with` block raises GoalRejectedError."""
         try:
             yield
         except GoalRejectedError as rejection:
@@ -313,7 +286,7 @@ class GoalExecution:
         code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED,
         remedy: Remedy = Remedy.NONE,
     ) -> None:
-        """Abort the goal now with this reason, code and remedy. Send STOP if a point was sent."""
+        """Abort the goal immediately, for the reason `why`. Send STOP if a point was sent."""
         if not self.ended:
             self._abort(GoalEvent.FAULT, why, code, remedy=remedy)
 
@@ -333,7 +306,6 @@ class GoalExecution:
         self._on_end(Outcome(End.ABORTED, code, text, unexplained, remedy))
 
     def _reject(self, why: str, now: float, *, moved: bool = False) -> None:
-        """Send STOP after a rejection, and wait for its cause. `moved`: the arm may have moved."""
         self._rejection, self._rejected_at = why, now
         self._cause_waited = 0.0
         moved |= self.point > 0
@@ -343,9 +315,8 @@ class GoalExecution:
     def _check_cause(self, robot: RobotState, gap: float) -> None:
         """End a rejected goal with the cause from the first STATUS after the rejection.
 
-        The goal ends without a cause after a timeout. `gap`: time since the last check, s. At most
-        half the timeout counts per check, so that a STATUS which arrived while this process was
-        not scheduled is read first.
+        A check counts at most half the timeout, so that a STATUS that arrived while this process
+        was not scheduled is read before the timeout expires.
         """
         status = robot.status
         report = status is not None and robot.status_time > self._rejected_at
@@ -383,11 +354,7 @@ class GoalExecution:
             self.fault(f'STOP could not be sent: {error}')
 
     def _handle_late_reply(self, packet: Packet, now: float) -> None:
-        """Handle the reply to a point after STOP was sent.
-
-        If this may be the reply to STOP instead, the goal ends when the arm has been at rest for
-        UNCONFIRMED_REST_TIME_S.
-        """
+        """Handle a reply to a point after STOP was sent. It may be the reply to STOP instead."""
         message = packet.message
         if not isinstance(message, MotionReply) and not sequence_of(message):
             self._standstill.expect(now, UNCONFIRMED_REST_TIME_S)
@@ -401,7 +368,6 @@ class GoalExecution:
             self.fault(f'the controller refused STOP ({no})')
 
     def _on_rest(self, sample: JointSample) -> None:
-        """End or pause the goal, because the arm is at rest after STOP."""
         if self.state is GoalState.PAUSING_CONFIRMED:
             self._paused_at, self._reached = sample.positions, self._expected
             self._step(GoalEvent.AT_REST)
@@ -419,10 +385,20 @@ class GoalExecution:
             stopped = np.minimum(stopped, self.goal.goal_velocity)
         return stopped
 
-    def _check_arrival(self, now: float, *, at_rest: bool) -> None:
-        """End the goal if the arm has arrived, or abort it after SETTLE_TIME_S at rest elsewhere.
+    def _rest_time(self, *, reported: bool) -> float:
+        """Return the standstill after which the arm counts as at rest at the goal, s.
 
-        `at_rest`: the controller reports that the arm is at rest.
+        If the arm was seen to arrive, a report of rest that belongs to this standstill suffices.
+        """
+        if not reported:
+            return UNREPORTED_REST_TIME_S
+        seen = self._arrival.seen and self._standstill.is_reported
+        return 0.0 if self._moved or seen else REST_TIME_S
+
+    def _check_arrival(self, now: float, *, at_rest: bool) -> None:
+        """Complete the goal if the arm has reached it.
+
+        Abort the goal if the arm has been at rest for SETTLE_TIME_S without reaching it.
         """
         if self.paused:  # part of the motion may remain
             return
@@ -433,20 +409,14 @@ class GoalExecution:
             text += late_start(self.goal.start, self.started)
             if self._rest_at is not None:
                 self.timing = Timing(self.goal.trajectory.duration, self._rest_at)
-                text += self._other_speed(self.timing)
+                own = self.goal.message is not None  # the controller chose the speed
+                monitor = None if own else self._timing_monitor
+                if why := '' if monitor is None else monitor.deviation(self.timing):
+                    text += f', it {why}'
             self._step(GoalEvent.AT_GOAL)
             self._on_end(Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, text))
         elif now - max(self._standstill.alive, self._due) > SETTLE_TIME_S:
             self.fault(self._arrival.shortfall(), ErrorCode.GOAL_TOLERANCE_VIOLATED)
-
-    def _other_speed(self, timing: Timing) -> str:
-        """Return a text, and log it, if the goal ran at another speed than planned, else ''."""
-        own = self.goal.message is not None  # the controller chose the speed
-        why = '' if self._timing_monitor is None or own else self._timing_monitor.deviation(timing)
-        if not why:
-            return ''
-        _log.warning('a motion %s', why)
-        return f', it {why}'
 
     def _check_timeouts(self, now: float) -> None:
         if self.ended:
@@ -476,14 +446,10 @@ class GoalExecution:
 
     @property
     def _plan_time(self) -> float:
-        """Current plan time, s, or 0 before the goal is prepared."""
         return 0.0 if self._schedule is None else self._schedule.clock.time
 
     def _exclude_unscheduled_time(self, now: float, gap: float) -> None:
-        """Do not count time in which this process was not scheduled toward the reply timeout.
-
-        `gap`: time since the last check, s.
-        """
+        """Exclude the time during which this process was not scheduled from the reply timeout."""
         excluded = gap - MAX_COUNTED_GAP_S
         if excluded > 0.0:
             self._standstill.alive += excluded
@@ -491,10 +457,7 @@ class GoalExecution:
                 self._due = min(self._due + excluded, now)
 
     def _advance_clock(self, robot: RobotState, sample: JointSample, now: float) -> None:
-        """Advance the plan's clock to the measurement time of the joints, unless paused.
-
-        The arrival time is not used, because the network or this process may delay messages.
-        """
+        """Advance the plan's clock to the measurement time of the joints, unless paused."""
         moves = self.state in RUNNING_STATES
         clock = None if self._schedule is None else self._schedule.clock
         if clock is not None:
@@ -509,7 +472,6 @@ class GoalExecution:
             self._due = max(self._due, now)
 
     def _check_path(self, sample: JointSample, now: float) -> None:
-        """Stop the arm if a new joint sample was outside the path tolerance when measured."""
         tolerance = self.goal.path_tolerance
         is_new, self._checked = sample is not self._checked, sample
         if (

@@ -1,44 +1,50 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The planned state of a goal over time, and the next point to send, with speed scaling.
+"""A goal's plan over time: its clock, its speed scaling, its remainder after a pause, its timing.
 
 Rules for the clock of a plan:
-1. It starts with the first point and runs regardless of the arm. An arm that stops at each point
-   therefore falls behind the plan.
+1. It starts with the first point and runs regardless of the arm. Therefore an arm that stops at
+   each point falls behind the plan.
 2. A segment runs at the speed factor with which its last point was sent. A later change of the
-   factor does not affect points that the controller has acknowledged. Segments that were not sent
-   run at the current factor.
-3. It stops while the controller is paused, and when the goal is stopped or paused.
+   factor does not affect points that the controller has acknowledged. Segments that have not been
+   sent run at the current factor.
+3. The clock stops while the controller is paused, and when the goal is stopped or paused.
+
+After a pause the arm is not at a planned point, and no controller reports how much of the plan it
+has executed. Therefore the remainder of the plan (`remainder`) starts at the position on the
+planned path that is closest to the arm. A path may pass a position several times, for example in a
+pick and place. Of several positions at about the same distance from the arm, the remainder starts
+at the position whose planned time is closest to the expected time.
+
+TimingMonitor checks whether the controller can execute a plan at the plan's speed, and whether it
+has done so. Its times are plan times, which pauses and speed scaling do not change.
 """
 
 import math
 from array import array
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 
-from epson_driver.driver.delivery.delivery import PreparedTrajectory
-from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, MIN_VELOCITY
-from epson_driver.motion import Array, Trajectory
+from epson_driver.driver.delivery.delivery import DeliveryRules, PreparedTrajectory
+from epson_driver.driver.delivery.statements import FIXED_SPEED
+from epson_driver.driver.delivery.streaming import MIN_DURATION_S, MIN_VELOCITY, START_MARGIN_RAD
+from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
+from epson_driver.driver.remedy import Remedy
+from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.motion.interpolation import Interpolation
+from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, Message
 
-RAMP_PER_S = 2.0
-"""Rate of change of the speed factor, 1/s. A ramp from 0 to 1 takes 0.5 s."""
-
-MIN_FACTOR = 0.01
-"""Minimum speed factor other than 0. A smaller one would make points take too long."""
+RAMP_PER_S = 2.0  # rate of change of the speed factor, 1/s
+MIN_FACTOR = 0.01  # other than 0: points would take too long
 
 M = TypeVar('M', bound=Message)
 
 
 class SpeedScaling:
-    """Factor by which the speed of all motions is scaled, from 0 (a pause) to 1 (as planned).
-
-    It changes gradually, except to 0. `by_velocity`: the controller uses the velocities of points.
-    Times (`now`) are monotonic, s.
-    """
+    """Speed factor of all motions, from 0 (a pause) to 1. It changes gradually, except to 0."""
 
     def __init__(self, *, by_velocity: bool = True) -> None:
         self._by_velocity = by_velocity
@@ -48,14 +54,10 @@ class SpeedScaling:
 
     @property
     def target(self) -> float:
-        """The requested speed factor."""
         return self._target
 
     def set(self, factor: float, now: float, *, ramp: bool = True) -> None:
-        """Set the requested speed factor. `ramp`: change to it gradually instead of immediately.
-
-        Raises ValueError if the factor is out of range.
-        """
+        """Set the requested speed factor. `ramp`: change to it gradually."""
         if not (factor == 0.0 or MIN_FACTOR <= factor <= 1.0):
             raise ValueError(
                 f'the factor {factor:g} must be 0 (pause) or from {MIN_FACTOR:g} to 1 (as planned)'
@@ -64,7 +66,7 @@ class SpeedScaling:
         self._from, self._target, self._since = start, factor, now
 
     def start_from_rest(self, now: float) -> None:
-        """Increase the factor from 0 to the requested one, for an arm at rest during a plan."""
+        """Increase the factor gradually from 0 to the requested factor, as the arm is at rest."""
         self._from, self._since = 0.0, now
 
     def factor(self, now: float) -> float:
@@ -78,19 +80,13 @@ class SpeedScaling:
         return self._from + (done if change > 0.0 else -done)
 
     def least(self, message: Message) -> float:
-        """Return the minimum speed factor for a point's message, or 0 if it has no minimum.
-
-        A lower factor would need a velocity below MIN_VELOCITY, which is never sent.
-        """
+        """Return the minimum speed factor of a point, with which its velocity is MIN_VELOCITY."""
         if not (self._by_velocity and isinstance(message, JointTrajPt)):
             return 0.0
         return MIN_VELOCITY / message.velocity
 
     def time_for(self, planned: float, now: float) -> float:
-        """Return how long a section of a plan takes from `now`, s, while the factor may change.
-
-        `planned`: duration of the section at factor 1, s. The requested factor must not be 0.
-        """
+        """Return the time, s, that `planned` s of a plan take from `now` on, with the ramp."""
         factor = self.factor(now)
         if factor == self._target:
             return planned / factor
@@ -105,11 +101,7 @@ class SpeedScaling:
 
 
 def scaled(message: M, factor: float, delay: float) -> M:
-    """Return a point's message at `factor` (0, 1] of its planned speed.
-
-    `delay` is the delay of the point relative to the plan, s. Only JOINT_TRAJ_PT_FULL uses it,
-    because its time counts from the start of the trajectory.
-    """
+    """Return a point's message at `factor` (0, 1] of its planned speed, `delay` s late."""
     if factor == 1.0 and delay == 0.0:
         return message
     if isinstance(message, JointTrajPt):
@@ -129,10 +121,7 @@ def scaled(message: M, factor: float, delay: float) -> M:
 
 
 class ReferenceTrajectory:
-    """A trajectory as a function of time, with the polynomials of joint_trajectory_controller.
-
-    `start`: position of the arm at 0 s, shape (n,), rad.
-    """
+    """A trajectory over time, from `start`, with joint_trajectory_controller's polynomials."""
 
     def __init__(self, trajectory: Trajectory, start: Array) -> None:
         parts = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
@@ -161,12 +150,11 @@ class ReferenceTrajectory:
 
 
 class GoalClock:
-    """Clock of a goal's plan time. It starts at 0 at `now`. All times are monotonic, s."""
+    """Clock of a goal's plan time, which is 0 at `now`. All times are monotonic, s."""
 
     def __init__(self, trajectory: Trajectory, start: Array, scaling: SpeedScaling, now: float):
         self.time = 0.0
-        self.rate = scaling.factor(now)
-        """Current rate of the clock: 1 at the planned speed, 0 while stopped."""
+        self.rate = scaling.factor(now)  # 1 at the planned speed, 0 while stopped
         self._scaling = scaling
         self._reference = ReferenceTrajectory(trajectory, start)
         self._times = trajectory.times
@@ -174,11 +162,10 @@ class GoalClock:
         self._now = now
 
     def sent(self, factor: float) -> None:
-        """Record the speed factor of the point just sent."""
         self._factors.append(factor)
 
     def advance(self, now: float, *, running: bool = True) -> None:
-        """Advance by the time since the last call. If not `running`, only set `rate` to 0."""
+        """Advance by the time since the last call or, unless `running`, only set `rate` to 0."""
         remaining, self._now = now - self._now, max(now, self._now)
         if not running or remaining < 0.0:
             self.rate = 0.0
@@ -205,10 +192,9 @@ class GoalClock:
 
 
 class PointSchedule:
-    """Scales the messages of one trajectory to the current speed factor.
+    """Scales the speed of a trajectory's messages to the current speed scaling.
 
-    `start`: position of the arm at rest, shape (n,), rad. `start_by`: latest time at which the
-    controller starts the motion, monotonic, s.
+    `start_by`: latest start of the motion, monotonic, s.
     """
 
     def __init__(
@@ -219,8 +205,7 @@ class PointSchedule:
         start_by: float,
     ) -> None:
         self.clock = GoalClock(prepared.trajectory, start, scaling, start_by)
-        self.duration = 0.0
-        """Duration of the last point that was sent, s."""
+        self.duration = 0.0  # duration of the last point that was sent, s
         self._sent_until = start_by
         self._scaling = scaling
         self._delay = 0.0
@@ -228,17 +213,16 @@ class PointSchedule:
         self._messages = prepared.messages
 
     def __len__(self) -> int:
-        """Return the number of points."""
         return len(self._messages)
 
     def ahead(self, index: int) -> float:
-        """Return the plan time left until point `index`, s, or 0 if the clock has passed it."""
+        """Return the plan time until point `index`, s, or 0 if the clock has passed the point."""
         return max(self._times[index] - self.clock.time, 0.0)
 
     def message(self, index: int, now: float) -> Message:
-        """Return the message of point `index`, scaled to the speed factor, which must not be 0.
+        """Return the message of point `index`, scaled to the speed factor.
 
-        Points must be requested in order, when they are sent.
+        Must be called in the order of sending.
         """
         before = self._times[index - 1] if index else 0.0
         planned = max(self._times[index] - before, MIN_DURATION_S)
@@ -253,3 +237,164 @@ class PointSchedule:
         self.duration = max(duration, getattr(message, 'duration', 0.0))
         self.clock.sent(factor)
         return message
+
+
+TIME_WEIGHT = 0.05
+"""Weight of the difference from the expected time, relative to the weight of the distance from the
+path. Both are in s, because the distance is divided by the plan's maximum speed."""
+
+FROM_REST = 1.5  # factor on the time to the first point, because the arm accelerates from rest
+
+
+def remainder(
+    plan: Trajectory, start: Array, rest: Array, expected: float, limits: JointLimits
+) -> Trajectory:
+    """Return the trajectory from `rest` through the points that the arm has not passed.
+
+    `start`: position of the arm at the start of the plan. `rest`: its current position. Both have
+    the shape (n,), rad. `expected`: estimated plan time at which the arm stopped, s. Relative to
+    the velocity limits, the arm moves to the first point no faster than the plan's fastest joint.
+    A plan without motion is returned whole.
+    """
+    times, positions = plan.times, plan.positions
+    added = int(times[0] > 0.0)
+    if added:
+        times, positions = np.append(0.0, times), np.vstack([start, positions])
+    steps, durations = np.diff(positions, axis=0) / limits.velocity, np.diff(times)
+    if np.max(np.abs(positions - positions[0])) < START_MARGIN_RAD:
+        return plan
+    fastest = float(np.max(np.abs(steps) / durations[:, None]))
+    offsets = (rest - positions[:-1]) / limits.velocity
+    squares = np.maximum(np.sum(steps**2, axis=1), np.finfo(float).tiny)
+    fractions = np.clip(np.sum(offsets * steps, axis=1) / squares, 0.0, 1.0)
+    distances = np.linalg.norm(offsets - fractions[:, None] * steps, axis=1)
+    reached = times[:-1] + fractions * durations
+    segment = int(np.argmin(distances / fastest + TIME_WEIGHT * np.abs(reached - expected)))
+    first, last = segment + 1, len(times) - 1
+    if first < last and np.max(np.abs(positions[first] - rest)) < START_MARGIN_RAD:
+        first += 1
+    approach = float(np.max(np.abs(positions[first] - rest) / limits.velocity))
+    approach /= max(fastest, MIN_VELOCITY)  # a lower velocity is never sent
+    needed = FROM_REST * max(float(times[first] - reached[segment]), approach, MIN_DURATION_S)
+
+    def from_rest(values: Array | None) -> Array | None:
+        if values is None:
+            return None
+        return np.vstack([np.zeros_like(rest), values[first - added :]])
+
+    return Trajectory(
+        plan.joint_names,
+        np.append(0.0, needed + times[first:] - times[first]),
+        np.vstack([limits.settled(rest), positions[first:]]),
+        from_rest(plan.velocities),
+        from_rest(plan.accelerations),
+    )
+
+
+MIN_DEVIATION_FRACTION = 0.2  # fraction of the planned time. A larger difference is another speed
+
+MIN_FASTER_S, MIN_SLOWER_S = 0.3, 0.5
+"""Minimum difference between actual and planned time that counts as another speed, s, for faster
+and for slower motions. It is larger for slower motions, because the start delay of the controller
+and the detection of standstill add to the actual time."""
+
+MAX_FASTER = 1.25  # maximum ratio of the controller's speed to the speed of a plan's fastest joint
+
+REMEDY = "lower the controller's own speed (in its program, or by the override of its pendant)"
+
+WHY = {
+    FieldsUsed.NOTHING: 'this controller ignores point velocities and durations',
+    FieldsUsed.VELOCITY: 'this controller ignores point durations and uses the velocities',
+    FieldsUsed.DURATION: 'this controller did not keep the point durations',
+    FieldsUsed.BOTH: 'this controller did not keep the point durations',
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Planned duration of a goal, and actual duration until the arm was at rest at the goal, s."""
+
+    planned: float
+    executed: float
+
+    @property
+    def deviates(self) -> bool:
+        late = self.executed - self.planned
+        minimum = MIN_SLOWER_S if late > 0.0 else MIN_FASTER_S
+        return abs(late) > max(minimum, MIN_DEVIATION_FRACTION * self.planned)
+
+
+class TimingMonitor:
+    """Checks speed scaling, plans and streams against the speeds that the controller supports."""
+
+    def __init__(self, rules: DeliveryRules, limits: JointLimits) -> None:
+        points_have_times = rules.point_message == 'joint_traj_pt_full'
+        uses = FieldsUsed.DURATION if points_have_times else rules.uses
+        statements = rules.interface == 'statements'
+        self.by_velocity = uses is not FieldsUsed.DURATION  # it may use velocities
+        self.unplanned = uses is FieldsUsed.NOTHING and not statements
+        """Whether the controller ignores the velocities and durations of points."""
+        self._downloads = rules.interface == 'download'
+        self._why = WHY[uses]
+        self._fixed = self._no_pause = ''
+        if self.unplanned:
+            self._fixed = f'{self._why}: {REMEDY}'
+        if statements:
+            self._why = f'the controller plans motions itself (power {rules.power})'
+            self._fixed = self._no_pause = FIXED_SPEED
+        elif self._downloads:
+            self._no_pause = 'the controller has all points of a download: stop the arm instead'
+        self._speed, self._slowest = rules.speed, rules.slowest
+        self._limits = limits
+
+    def deviation(self, timing: Timing) -> str:
+        if not timing.deviates:
+            return ''
+        return f'took {timing.executed:.3g} s instead of {timing.planned:.3g} s: {self._why}'
+
+    def check_factor(self, factor: float, running: Trajectory | None) -> None:
+        """Raise ValueError if the controller cannot execute motions at this speed scaling."""
+        why = self._no_pause if factor == 0.0 else self._fixed if factor < 1.0 else ''
+        if running is not None and self._downloads and factor < 1.0:
+            why = why or (
+                'the controller has all points of the running motion, which keeps its speed: '
+                'wait for its end, or stop the arm'
+            )
+        if running is not None and 0.0 < factor < 1.0:
+            why = why or self._too_slow(self._fastest(running, running.positions[0]) * factor)
+        if why:
+            raise ValueError(f'factor = {factor:g}: {why}')
+
+    def why_no_stream(self) -> str:
+        return f'no stream can keep its speed: {self._fixed}' if self.unplanned else ''
+
+    def check(self, trajectory: Trajectory, start: Array, factor: float) -> None:
+        """Raise GoalRejectedError if the controller would execute the plan faster than planned."""
+        fastest = self._fastest(trajectory, start) * factor
+        why = self._too_slow(fastest)
+        if self.unplanned and self._speed > MAX_FASTER * fastest:
+            why = (
+                f'the plan moves at {fastest:.3g} of the velocity limits at most, the controller '
+                f'at {self._speed:.3g}: {self._fixed}'
+            )
+        if why and np.max(np.abs(trajectory.positions - start)) > START_MARGIN_RAD:
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, why, Remedy.ALLOW_OTHER_SPEED)
+
+    def _too_slow(self, fastest: float) -> str:
+        """Return why the controller cannot move as slowly as a plan's fastest joint, or ''."""
+        if self._slowest <= MAX_FASTER * fastest:
+            return ''
+        return (
+            f'the plan moves at {fastest:.3g} of the velocity limits at most: the minimum of the '
+            f'controller is {self._slowest:g}'
+        )
+
+    def _fastest(self, trajectory: Trajectory, start: Array) -> float:
+        """Return the speed of a plan's fastest joint, as a fraction of its velocity limit."""
+        steps = np.abs(np.diff(trajectory.positions, axis=0, prepend=start[None, :]))
+        times = np.diff(trajectory.times, prepend=0.0)
+        fractions = steps[times > 0.0] / times[times > 0.0][:, None] / self._limits.velocity
+        if trajectory.velocities is not None:
+            at_points = np.abs(trajectory.velocities) / self._limits.velocity
+            fractions = np.vstack([fractions, at_points])
+        return float(np.max(fractions, initial=0.0))

@@ -13,8 +13,7 @@ from epson_driver.driver.io.io_client import Io
 from epson_driver.driver.io.points import IoUnavailableError
 from epson_driver.simple_message import IoAddress, IoSetting, IoType
 
-READ_PERIOD_S = 0.1
-"""Maximum time between two readings of the inputs during a motion, s."""
+READ_PERIOD_S = 0.1  # maximum time between two readings of the inputs during a motion, s
 
 
 class Gripper:
@@ -27,11 +26,9 @@ class Gripper:
         self._input_was_on = False
 
     async def state(self) -> GripperState:
-        """Return the current state from the inputs. Raises GripperError if it is unknown."""
         return self._checked_state(*await self._inputs())
 
     async def _inputs(self) -> tuple[bool, bool]:
-        """Return the inputs for opened and closed. Raises GripperError if they are unknown."""
         wiring = self.wiring
         inputs = [
             IoAddress(IoType.DIGITAL_INPUT, index)
@@ -57,10 +54,9 @@ class Gripper:
         return GripperState(opened, closed)
 
     async def move(self, *, opened: bool) -> GripperState:
-        """Open or close the gripper, and return its state when it has arrived or holds an object.
+        """Open or close the gripper, and wait until it has arrived or holds an object.
 
-        Raises GripperError if the gripper does not move, if its inputs are unknown, or if a newer
-        command replaces this one. On cancellation the outputs stay unchanged.
+        Returns the state of the gripper.
         """
         self._commands += 1
         command = self._commands

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller's I/O without ROS: polling of all values, and access by address (docs/io.md).
 
-I/O is independent of motion and state. If a controller has no I/O, or its I/O server is not
-running, requests fail with this reason.
+I/O is independent of motion and state. If a controller has no I/O, or its I/O server does not run,
+requests fail, and their error text is this reason.
 """
 
 import asyncio
@@ -26,7 +26,10 @@ from epson_driver.driver.io.points import (
     rejection,
     shown,
 )
+from epson_driver.driver.io.real_time_io import RealTimeIo
 from epson_driver.driver.tasks import Notification, run_task_group
+from epson_driver.link import Link
+from epson_driver.link.rtmc_link import RtmcLink
 from epson_driver.profiles.io_profile import IoProfile
 from epson_driver.remote_ethernet.client import (
     Ask,
@@ -36,15 +39,8 @@ from epson_driver.remote_ethernet.client import (
     RemoteTurns,
     logged_in,
 )
-from epson_driver.simple_message import (
-    ByteOrder,
-    IoAddress,
-    IoRange,
-    IoResult,
-    IoSetting,
-    IoType,
-    IoValues,
-)
+from epson_driver.simple_message import ByteOrder, IoAddress, IoRange, IoResult, IoSetting, IoType
+from epson_driver.simple_message.io_messages import IoValues
 
 NOT_READY = (
     'not ready (error 20): the controller accepts this only in AUTO, at rest, without running '
@@ -59,24 +55,17 @@ READ: dict[IoType, str] = {
     IoType.FLAG: 'GetMemIO,{}',
 }
 
-READ_GROUP = {
+READ_GROUP = {  # groups of 8 bits, of 16 bits
     IoType.GROUP_INPUT: ('GetIOByte,{}', 'GetIOWord,{}'),
     IoType.GROUP_OUTPUT: ('Execute,"Print Out({})"', 'Execute,"Print OutW({})"'),
 }
-"""Commands that read groups of 8 bits and of 16 bits."""
 
 WRITE = {IoType.DIGITAL_OUTPUT: 'SetIO,{},{}', IoType.FLAG: 'SetMemIO,{},{}'}
 
-WRITE_GROUP = ('SetIOByte,{},{:02X}', 'SetIOWord,{},{:04X}')
-"""Commands that write groups of 8 bits and of 16 bits."""
+WRITE_GROUP = ('SetIOByte,{},{:02X}', 'SetIOWord,{},{:04X}')  # 8 bits, 16 bits
 
 
 class RemoteEthernetIo(Backend):
-    """Access to I/O points by Remote Ethernet commands.
-
-    `login`: opens a shared session; None: each request logs in separately.
-    """
-
     shown = (IoType.DIGITAL_INPUT,)
 
     def __init__(
@@ -88,11 +77,9 @@ class RemoteEthernetIo(Backend):
         self._turns = turns
 
     async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[PointReply]:
-        """Return a result for each address. Raises IoUnavailableError if the request fails."""
         return await self._execute([_reading(item) for item in addresses], timeout)
 
     async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[PointReply]:
-        """Write points in order. Raises IoUnavailableError if the request fails."""
         return await self._execute([_writing(item) for item in settings], timeout)
 
     async def _execute(self, commands: Sequence[str], timeout: float) -> list[PointReply]:
@@ -139,14 +126,10 @@ def _writing(item: IoSetting) -> str:
     return WRITE_GROUP[size].format(port, item.value)
 
 
-MAX_POINTS = 1024
-"""Maximum number of points in one request, from the protocol."""
+MAX_POINTS = 1024  # maximum number of points in one request, from the protocol
+MAX_POLLED = 60  # points per polling request: servers with a small buffer accept no more
 
-MAX_POLLED = 60
-"""Maximum number of points per polling request. Servers with a small buffer accept no more."""
-
-RETRIES = (0.2, 0.5, 1.0, 2.0, 5.0)
-"""Delays after successive failed polls, s. The last one is repeated."""
+RETRIES = (0.2, 0.5, 1.0, 2.0, 5.0)  # delays after successive failed polls, s
 
 T = TypeVar('T', IoAddress, IoSetting)
 
@@ -155,7 +138,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class IoAnswer:
-    """Result for one point. `result`: IoResult number, or 0 if `text` contains another error."""
+    """Result for one point. `result`: an IoResult, or 0 if `text` contains another error."""
 
     io_type: int
     index: int
@@ -169,8 +152,9 @@ class Io:
 
     * `states`: values of all points that can be read at any time, except flags. They are polled
       every `period` s and after each write. While they are unknown, `states` is ().
-    * `reason`: why `states` is unknown, or ''.
-    * `on_states`: called in the event loop when `states` has changed. Then `changed` is notified.
+    * `reason`: why the values are unknown, or ''.
+    * `on_states`: called in the event loop when `states` has changed. After it, `changed` is
+      notified.
     * `place`: host and port, for diagnostics.
     * `timeout`: reply timeout, s, which may be changed at any time.
     * `missing`: why I/O is not available at all, or ''.
@@ -197,17 +181,15 @@ class Io:
 
     @property
     def ranges(self) -> tuple[IoRange, ...] | None:
-        """The existing points, or None while they are unknown."""
         return self._backend.ranges
 
     async def run(self) -> None:
-        """Poll the values until cancelled."""
         if not self.used:
             self._lose(self.reason, logging.DEBUG)
             return
 
         async def nothing() -> None:
-            """Do nothing: reading causes no motion that must be stopped."""
+            """Do nothing, because reading causes no motion that must be stopped."""
 
         parts = {'querying the I/O': self._poll}
         if self.link is None:
@@ -220,14 +202,13 @@ class Io:
             self._lose('the driver ended', logging.DEBUG)
 
     async def read(self, addresses: Sequence[IoAddress]) -> list[IoAnswer]:
-        """Return a result for each address. Raises IoUnavailableError if the request fails."""
         return await self._answers(addresses, [None] * len(addresses), self._backend.read)
 
     async def write(self, settings: Sequence[IoSetting]) -> list[IoAnswer]:
         """Set outputs, groups and flags in order, and return a result for each setting.
 
-        Raises IoUnavailableError if the request fails. The text contains a warning if the points
-        may have been written.
+        Raises IoUnavailableError if the request fails. Its text contains a warning if points may
+        have been written.
         """
         try:
             values = [item.value for item in settings]
@@ -245,10 +226,7 @@ class Io:
         values: Sequence[int | None],
         request: Callable[[Sequence[T], float], Awaitable[list[PointReply]]],
     ) -> list[IoAnswer]:
-        """Execute a request for the valid items, and return the results of all items.
-
-        `values`: values to write, or None for items to read.
-        """
+        """Send a request with the valid items, and return the results of all items."""
         if len(items) > MAX_POINTS:
             raise IoUnavailableError(f'{len(items)} points in one request: at most {MAX_POINTS}')
         if not self.used:
@@ -271,8 +249,6 @@ class Io:
             result_value = reply.value if value is None else value
             answers.append(IoAnswer(item.io_type, item.index, result_value, reply.result, text))
         return answers
-
-    # --- polling ----------------------------------------------------------------------------
 
     async def _poll(self) -> None:
         """Poll the values every `period` s, after each write, and when the link changes.
@@ -298,10 +274,7 @@ class Io:
                     await self._wake.wait()
 
     async def _values(self) -> tuple[tuple[IoValues, ...], str]:
-        """Return the values of all readable ranges, and the first error of unreadable ones, or ''.
-
-        Raises IoUnavailableError if a request fails, or if no range is readable.
-        """
+        """Return the values of all readable ranges, and the first error of another one, or ''."""
         backend = self._backend
         await backend.find_ranges(self.timeout)
         ranges = backend.ranges or ()
@@ -340,7 +313,6 @@ class Io:
         ), why
 
     def _publish(self, states: tuple[IoValues, ...], missing: str) -> None:
-        """Publish values if they have changed. `missing`: why some are unknown, or ''."""
         if states == self.states:
             return
         if not self.states and not self._passing:
@@ -354,7 +326,7 @@ class Io:
         self._notify()
 
     def _lose(self, why: str, level: int) -> None:
-        """Record why the values are unknown. Log and publish this once until they are known."""
+        """Record why the values are unknown. Log and publish this once, until they are known."""
         self.states = ()
         self.reason = why
         if not self._reported:
@@ -376,17 +348,15 @@ def make_io(
     timeout: float,
     turns: RemoteTurns,
     login: Login | None = None,
+    motion_link: Link | None = None,
 ) -> Io:
-    """Return the I/O client for a profile.
-
-    `ports`: I/O port and remote port. A port of 0 is not used. `timeout`: reply timeout, s.
-    `turns`: gives one user at a time access to the remote port. `login`: opens a shared session on
-    the remote port; None: each request logs in separately.
-    """
+    """Return the I/O client for a profile. `ports`: I/O port and remote port, 0 if unused."""
     port, remote_port = ports
     missing = 'I/O is not used: its port is 0'
     backend: Backend
-    if profile.access == 'server':
+    if isinstance(motion_link, RtmcLink):
+        port, backend = motion_link.port, RealTimeIo(motion_link, profile)
+    elif profile.access == 'server':
         backend = ServerIo(host, port, byte_order)
     elif profile.access == 'motoman':
         backend = MotomanIo(host, port, byte_order, profile)

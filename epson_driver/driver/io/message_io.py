@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Access to I/O points by simple messages, for an I/O server (docs/io.md) and for MotoROS.
 
-Only one request is pending at a time. A reply of MotoROS does not identify its request, so the
+At most one request is pending. A reply of MotoROS does not identify its request. Therefore the
 connection is reopened if a reply is missing.
 """
 
@@ -24,29 +24,35 @@ from epson_driver.simple_message import (
     ByteOrder,
     Dialect,
     IoAddress,
-    IoCtrlReply,
+    IoSetting,
+    IoType,
+    Message,
+    Packet,
+    ReplyCode,
+)
+from epson_driver.simple_message.io_messages import (
     IoInfo,
     IoInfoReply,
     IoRead,
     IoReadReply,
-    IoSetting,
-    IoType,
     IoWrite,
     IoWriteReply,
-    Message,
+)
+from epson_driver.simple_message.motoman import (
+    GENERAL_INPUTS,
+    GENERAL_OUTPUTS,
+    IoCtrlReply,
     MotomanIoResult,
-    Packet,
     ReadIoBit,
     ReadIoBitReply,
     ReadIoGroup,
     ReadIoGroupReply,
-    ReplyCode,
     WriteIoBit,
     WriteIoBitReply,
     WriteIoGroup,
     WriteIoGroupReply,
+    bit_address,
 )
-from epson_driver.simple_message.motoman import GENERAL_INPUTS, GENERAL_OUTPUTS, bit_address
 
 MAX_MESSAGE_ID = 2**31 - 1
 
@@ -60,8 +66,6 @@ R = TypeVar('R', IoInfoReply, IoReadReply, IoWriteReply)
 
 
 class MessageIo(Backend):
-    """Access to I/O points by requests on a dedicated link."""
-
     link: Link
 
     def __init__(self, host: str, port: int, byte_order: ByteOrder | None) -> None:
@@ -82,16 +86,12 @@ class MessageIo(Backend):
             self._dialect_known.set()
 
     def follow(self, dialect: Dialect) -> None:
-        """Use the state server's byte order, which the I/O port shows only after a request."""
+        """Use the state server's byte order, as the I/O server shows its order only in replies."""
         self.link.follow(dialect)
         self._dialect_known.set()
 
     async def _exchange(self, message: Message, timeout: float) -> Packet:
-        """Send a request and return its reply.
-
-        Raises IoUnavailableError if no reply arrives within `timeout` s. A reply that arrives
-        later is ignored.
-        """
+        """Send a request and return its reply. A reply after `timeout` s is ignored."""
         async with self._lock:
             if self.link.connected and not self._dialect_known.is_set():
                 with contextlib.suppress(TimeoutError):  # no state message: keep the byte order
@@ -137,8 +137,6 @@ class MessageIo(Backend):
 
 
 class ServerIo(MessageIo):
-    """Access to I/O points through an I/O server, which reports the existing points."""
-
     shown = (
         IoType.DIGITAL_INPUT,
         IoType.DIGITAL_OUTPUT,
@@ -154,10 +152,10 @@ class ServerIo(MessageIo):
         self._connection = 0
 
     async def find_ranges(self, timeout: float) -> None:
-        """Request the existing points, once per connection.
+        """Request the list of existing points, once per connection.
 
-        Raises IoUnavailableError if the request fails. Groups of 16 bits identify this project's
-        server, the only one that is known to pack points in groups.
+        Groups of 16 bits identify this project's server. No other server packs digital points into
+        groups.
         """
         connection = self.link.statistics.connections
         if connection != self._connection or self.ranges is None:
@@ -166,26 +164,22 @@ class ServerIo(MessageIo):
             self.grouped = any(item.start == WORD_GROUPS for item in reply.items)
 
     async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[PointReply]:
-        """Return a result for each address. Raises IoUnavailableError if the request fails."""
         message = IoRead(self._next_id(), tuple(addresses))
         reply = await self._ask(message, IoReadReply, timeout)
         _check_addresses(reply, addresses)
         return [PointReply(item.value, item.result) for item in reply.items]
 
     async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[PointReply]:
-        """Write points in order. Raises IoUnavailableError if the request fails."""
         message = IoWrite(self._next_id(), tuple(settings))
         reply = await self._ask(message, IoWriteReply, timeout)
         _check_addresses(reply, settings)
         return [PointReply(result=item.result) for item in reply.items]
 
     def _next_id(self) -> int:
-        """Return the next message ID, from 1 to MAX_MESSAGE_ID - 1 and then from 1 again."""
         self._last_id = self._last_id % (MAX_MESSAGE_ID - 1) + 1
         return self._last_id
 
     async def _ask(self, message: Message, kind: type[R], timeout: float) -> R:
-        """Return the reply to a request. Raises IoUnavailableError if it is not successful."""
         packet = await self._exchange(message, timeout)
         if packet.reply_code is not ReplyCode.SUCCESS:
             raise IoUnavailableError(REFUSED)
@@ -197,10 +191,11 @@ class ServerIo(MessageIo):
 def _check_addresses(
     reply: IoReadReply | IoWriteReply, requested: Sequence[IoAddress | IoSetting]
 ) -> None:
-    """Raise IoUnavailableError unless the reply contains exactly the requested points."""
     points = [(item.io_type, item.index) for item in reply.items]
     if points != [(item.io_type, item.index) for item in requested]:
-        raise IoUnavailableError('the reply of the I/O server has other points', sent=True)
+        raise IoUnavailableError(
+            'the points in the reply of the I/O server are not the requested ones', sent=True
+        )
 
 
 FIRST_GROUP = {
@@ -227,11 +222,9 @@ class MotomanIo(MessageIo):
         self.ranges = ranges_of(profile, words=False, flags=False)
 
     async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[PointReply]:
-        """Return a result for each address. Raises IoUnavailableError if the request fails."""
         return [await self._ask(_reading(item), timeout) for item in addresses]
 
     async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[PointReply]:
-        """Write points in order. Raises IoUnavailableError if the request fails."""
         replies: list[PointReply] = []
         try:
             for item in settings:

@@ -21,8 +21,7 @@ NAMES = {
     IoType.FLAG: 'flag',
 }
 
-WORD_GROUPS = 1000
-"""First index of groups with 16 bits. Groups below it have 8 bits (docs/io.md)."""
+WORD_GROUPS = 1000  # first index of groups with 16 bits instead of 8 (docs/io.md)
 
 WORD_BITS, BYTE_BITS = 16, 8
 
@@ -39,8 +38,8 @@ Ranges = Sequence[IoRange]
 class IoUnavailableError(RuntimeError):
     """Raised if a request fails. The text contains the reason.
 
-    `sent`: the controller may have executed the request. `passing`: the failure is temporary, for
-    example until the arm is at rest.
+    `sent`: the controller may have executed the request. `passing`: the failure is temporary. It
+    ends, for example, when the arm is at rest.
     """
 
     def __init__(self, text: str, *, sent: bool = False, passing: bool = False) -> None:
@@ -51,11 +50,7 @@ class IoUnavailableError(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class PointReply:
-    """A controller's reply for one point: its value or an error.
-
-    `result`: number of an IoResult, or 0 if `why` contains the error. `passing`: the error is
-    temporary.
-    """
+    """A controller's reply for one point. `result`: an IoResult, or 0 if `why` has the error."""
 
     value: int = 0
     result: int = IoResult.SUCCESS
@@ -63,10 +58,6 @@ class PointReply:
     passing: bool = False
 
     def text(self, io_type: int, index: int, written: int | None, ranges: Ranges) -> str:
-        """Return the error text of the reply, or '' if there is no error.
-
-        `written`: value that was to be written, or None for reading.
-        """
         if self.why:
             return f'{_address(io_type, index, written)}: {self.why}'
         return sentence(self.result, io_type, index, written, ranges)
@@ -76,25 +67,22 @@ class Backend(ABC):
     """Interface for reading and writing the I/O points of one controller.
 
     * `ranges`: the existing points, or None while they are unknown.
-    * `shown`: types of points that can be read at any time.
-    * `grouped`: groups consist of digital points, as docs/io.md describes.
-    * `link`: the link for simple messages, if any.
-    * `wake`: called when this link is established or lost.
+    * `grouped`: whether groups consist of digital points, as docs/io.md describes.
 
     All timeouts are in s.
     """
 
-    shown: Sequence[IoType]
+    shown: Sequence[IoType]  # types of points that can be read at any time
     grouped = True
     ranges: tuple[IoRange, ...] | None = None
-    link: Link | None = None
-    wake: Callable[[], None]
+    link: Link | None = None  # the link for simple messages, if any
+    wake: Callable[[], None]  # called when this link is established or lost
 
     def follow(self, dialect: Dialect) -> None:  # noqa: B027 - text has no byte order
         """Use the byte order and floating-point width of the state server."""
 
     async def find_ranges(self, timeout: float) -> None:  # noqa: B027 - a profile has them
-        """Request the existing points. Raises IoUnavailableError if the request fails."""
+        """Request the list of existing points. Raises IoUnavailableError if the request fails."""
 
     @abstractmethod
     async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[PointReply]:
@@ -106,9 +94,9 @@ class Backend(ABC):
 
 
 def ranges_of(profile: IoProfile, *, words: bool, flags: bool) -> tuple[IoRange, ...]:
-    """Return the I/O points of a profile, for a controller without an I/O server.
+    """Return the points of a profile.
 
-    `words`: include groups of 16 bits. `flags`: include flags.
+    `words`: whether to include groups of 16 bits. `flags`: whether to include flags.
     """
     ranges = []
     for io_type, count in (
@@ -125,7 +113,6 @@ def ranges_of(profile: IoProfile, *, words: bool, flags: bool) -> tuple[IoRange,
 
 
 def there(io_type: int, index: int, ranges: Ranges) -> bool:
-    """Return whether any range contains the point."""
     return any(
         item.io_type == io_type and item.start <= index < item.start + item.count
         for item in ranges
@@ -133,7 +120,10 @@ def there(io_type: int, index: int, ranges: Ranges) -> bool:
 
 
 def rejection(io_type: int, index: int, value: int | None, ranges: Ranges) -> IoResult:
-    """Return SUCCESS if a point can be read (`value` is None) or written, else the error."""
+    """Return SUCCESS if a point can be read or set to `value`, else the error.
+
+    `value`: None for reading.
+    """
     if io_type not in [item.io_type for item in ranges]:
         return IoResult.TYPE_UNSUPPORTED
     if not there(io_type, index, ranges):
@@ -154,8 +144,8 @@ def shown(
     """Yield each range to poll, the number of points in each value, and the addresses to read.
 
     If groups consist of digital points (`grouped`), the digital points are read as groups, and the
-    values of the groups are computed from them (`packed`). Ranges beyond a total of MAX_SHOWN
-    points are omitted.
+    values of all groups are computed from the digital points (`packed`). At most MAX_SHOWN points
+    are polled. Further ranges are omitted.
     """
     remaining = MAX_SHOWN
     for item in ranges:
@@ -187,11 +177,7 @@ def packed(groups: IoRange, bits: Sequence[int]) -> tuple[int, ...]:
 
 
 def sentence(result: int, io_type: int, index: int, value: int | None, ranges: Ranges) -> str:
-    """Return the error text for the number of an IoResult, or '' for SUCCESS.
-
-    `value`: value that was to be written, or None for reading. `ranges`: the existing points, or
-    empty while they are unknown.
-    """
+    """Return the error text for an IoResult. `value`: the value to write, or None for reading."""
     if result == IoResult.SUCCESS:
         return ''
     rule = _RULES.get(result)
@@ -236,7 +222,7 @@ def _width(group: int) -> int:
 
 
 def _max_value(group: int, ranges: Ranges) -> int:
-    """Return the largest value of an output group, given which of its digital points exist."""
+    """Return the largest value of an output group. Bits without a digital point are 0."""
     width = _width(group)
     first = group % WORD_GROUPS * width
     outputs = [item for item in ranges if item.io_type == IoType.DIGITAL_OUTPUT]

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Restart interlock of streams (ISO 14118): a stopped stream may restart only after a release.
 
-A stream is released when no setpoint has requested motion for RELEASE_S. This is required after
-each stop, after each event that closes the arm gate, and for a stream that was refused. Each topic
-counts as one stream, because ROS does not identify the publisher of a message.
+A stream is released when none of its setpoints has requested motion for RELEASE_S. The release is
+required after each stop, after each event that closes the arm gate, and after a refusal of the
+stream. Each topic counts as one stream, because ROS does not identify the publisher of a message.
 """
 
 from collections.abc import Iterator
@@ -15,24 +15,17 @@ import numpy as np
 from epson_driver.driver.servo.setpoint import SAME_POSITION, Setpoint
 from epson_driver.motion import Array
 
-RELEASE_S = 1.0
-"""Time without a request for motion after which a stream counts as released, s."""
+RELEASE_S = 1.0  # time without a request for motion after which a stream counts as released, s
 
 
 @dataclass(slots=True, eq=False)
 class _Topic:
-    """Messages received on a topic. Times are the event loop's, s.
+    """Record of the messages on a topic. Times are the event loop's, s."""
 
-    * `last_message`: time of the last message.
-    * `last_request`: time of the last message that requested motion.
-    * `position`: last position, shape (n,).
-    * `released`: the stream may move the arm, until it is stopped or refused.
-    """
-
-    last_message: float = -np.inf
-    last_request: float = -np.inf
-    position: Array | None = None
-    released: bool = False
+    last_message: float = -np.inf  # time of the last message
+    last_request: float = -np.inf  # time of the last message that requested motion
+    position: Array | None = None  # last position, shape (n,)
+    released: bool = False  # whether the stream may move the arm, until it is stopped or refused
 
     def requests_motion(self, setpoint: Setpoint, arrival: float) -> bool:
         """Return whether a setpoint requests motion. Repeating the last position does not."""
@@ -44,25 +37,21 @@ class _Topic:
             return True
         if float(np.abs(setpoint.positions - before).max()) > SAME_POSITION:
             return True
-        self.position = before  # otherwise the position could creep
+        self.position = before  # otherwise small steps could add up unnoticed
         return False
 
 
 class RestartInterlock:
-    """Determines for each topic (`source`) whether its stream may move the arm."""
-
     def __init__(self) -> None:
         self._topics: dict[str, _Topic] = {}
         self._last_trip = -np.inf
 
     def trip(self, now: float) -> None:
-        """Block the streams on all topics until they are released, because the arm was stopped."""
         self._last_trip = now
         for topic in self._topics.values():
             topic.released = False
 
     def block(self, source: str) -> None:
-        """Block the stream on one topic until it is released, because it was refused."""
         self._topics[source].released = False
 
     def receive(
@@ -70,8 +59,8 @@ class RestartInterlock:
     ) -> bool:
         """Record a message, and return whether it requests motion.
 
-        `setpoint`: None for an invalid message, which counts as a request for motion. `arrival`:
-        time of arrival, s. `missed`: earlier messages were lost. They may have requested motion.
+        `setpoint`: None for an invalid message, which counts as a request. `missed`: whether
+        earlier messages were lost, which may have requested motion.
         """
         topic = self._topics.setdefault(source, _Topic())
         requests_motion = setpoint is None or topic.requests_motion(setpoint, arrival)
@@ -83,11 +72,10 @@ class RestartInterlock:
         return requests_motion
 
     def permits(self, source: str) -> bool:
-        """Return whether the stream on a topic may move the arm."""
         return self._topics[source].released
 
     def waiting(self, now: float) -> Iterator[tuple[str, float]]:
-        """Yield each topic that is blocked but still sends, and the time until its release, s."""
+        """Yield each blocked topic with recent messages, and the time until its release, s."""
         for source, topic in self._topics.items():
             quiet = now - max(topic.last_request, self._last_trip)
             sends = topic.last_message >= self._last_trip

@@ -4,28 +4,28 @@
 
 Rules:
 
-1. Only one stream is followed at a time, and none while a goal runs. A stream starts with its
-   first setpoint if the arm gate is open, the arm is at rest, no other client moves it, and a
-   position setpoint is near the arm. Otherwise the setpoint is refused, and the reason is logged
-   once.
+1. Only one stream is followed at a time, and no stream while a goal runs. A stream starts with its
+   first setpoint if the arm gate is open, the arm is at rest, and no other client moves the arm. A
+   position setpoint must also be near the arm. Otherwise the setpoint is refused, and the reason
+   is logged once.
 2. Only the newest setpoint is stored and followed. A tracker (motion/setpoint_tracker.py) moves
-   toward it within a fraction of every limit. The positions of the tracker are sent as points, one
-   pending at a time and at least `period` apart. Each point covers the time since the previous
-   one, regardless of the rate at which setpoints arrive.
+   toward it within a fraction of every limit. The positions of the tracker are sent as points. At
+   most one point is pending, and points are at least `period` apart. Each point covers the time
+   since the previous point, regardless of the rate at which setpoints arrive.
 3. A stop, or closing the arm gate, ends the stream immediately, with STOP. All conditions that
    inhibit motion are checked before each point, in the same turn of the loop that sends it.
-4. A stream that was stopped or refused must be released before it is followed again, whichever
-   publisher sends it (restart_interlock.py).
-5. Velocities that are all zero, or that stop arriving for `timeout`, mean a released key. The
-   driver then sends STOP, because the controller would still execute its remaining points. The
-   arm comes to rest before it follows the stream again. A pause (speed scaling 0) also sends STOP.
-   If positions stop arriving for `timeout`, the arm stops at the last one. It brakes immediately
-   instead if it lags too far behind the stream (LEFT_BEHIND_S), or if `timeout` is FRESH_S or
-   less. A stream that was silent for RELEASE_S ends when the arm is at rest. If a goal arrives, it
-   ends as soon as it is silent for `timeout` and the arm is at rest.
+4. A stream that was stopped or refused must be released before it is followed again, even if
+   another publisher sends it (restart_interlock.py).
+5. A key counts as released if all velocities are zero, or if no velocities arrive for `timeout`.
+   The driver then sends STOP, because the controller would still execute its remaining points.
+   The arm comes to rest before it follows the stream again. A pause (speed scaling 0) also sends
+   STOP. If no positions arrive for `timeout`, the arm stops at the last position. It brakes
+   immediately instead if it lags too far behind the stream (LEFT_BEHIND_S), or if `timeout` is at
+   most FRESH_S. A stream that was silent for RELEASE_S ends when the arm is at rest. If a goal
+   arrives, the stream ends as soon as it is silent for `timeout` and the arm is at rest.
 6. An arm that is behind a stream of positions catches up at no more than `catch_up` times the
    speed of the stream, even if the limits permit more.
-7. The points sent are never more than MAX_LAG_S ahead of the arm. No further point is sent until
+7. The sent points are never more than MAX_LAG_S ahead of the arm. No further point is sent until
    the arm has come closer.
 """
 
@@ -61,113 +61,69 @@ from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.motion.setpoint_tracker import ServoTarget, SetpointTracker, servo_limits
 from epson_driver.simple_message import Message, Packet
 
-CYCLE_S = 0.02
-"""Period for checking whether to send a point, and whether one may still be sent, s."""
-
-MAX_STEP_S = 0.2
-"""Maximum time that one point covers, s, even if the controller replies later."""
+CYCLE_S = 0.02  # period for checking whether to send a point, and whether one may still be sent, s
+MAX_STEP_S = 0.2  # maximum time that one point covers, s, even if the controller replies later
 
 MIN_DURATION_FRACTION = 0.8
 """Minimum duration sent with a point, as a fraction of the time that the point covers. The
 tracker is slower by the same fraction, so that the arm does not exceed the permitted speed."""
 
-USUAL_LAG_S = 0.08
-"""Lag of the arm behind the points sent that is not corrected, s."""
+USUAL_LAG_S = 0.08  # lag of the arm behind the points sent that is not corrected, s
 
 LAG_CORRECTION = 1.5
-"""Rate at which a longer lag is corrected, 1/s. Durations are shortened by this number times the
-excess. It is low, because the arm is faster by the same fraction."""
+"""Rate at which a longer lag is corrected, 1/s. The duration of a point is reduced by the fraction
+rate · excess of the lag. The rate is low, because the arm is faster by the same fraction."""
 
-STOP_WITHIN_S = 0.3
-"""Maximum stopping time of the arm with the full limits, s. It limits the speed of the arm."""
-
-MAX_LAG_S = 0.5
-"""Maximum time by which the points sent may be ahead of the arm, s."""
-
-MIN_STEP = 1e-6
-"""Minimum change of any joint that is sent while the tracker moves, rad or m."""
-
-REST_STEP = 1e-8
-"""Minimum change of any joint that is sent when the tracker is at rest, rad or m. Smaller changes
-are rounding errors."""
-
-MIN_SPEED_FRACTION = 1e-3
-"""Fraction of a joint's velocity limit that is always permitted for following positions."""
-
-LEFT_BEHIND_S = 0.25
-"""Lag behind a stream above which the arm counts as left behind, s. The normal lag of the tracker
-is shorter."""
-
-NEAR = 0.01
-"""Distance to the last point, rad or m, within which an arm at rest has executed all points."""
-
-LATE_REST_S = 2.0
-"""Time after the last reply, s, after which all points count as executed if the arm is at rest."""
+STOP_WITHIN_S = 0.3  # maximum stopping time with full limits, s. It limits the arm's speed
+MAX_LAG_S = 0.5  # maximum time by which the points sent may be ahead of the arm, s
+MIN_STEP = 1e-6  # minimum change of any joint that is sent while the tracker moves, rad or m
+REST_STEP = 1e-8  # the same when the tracker is at rest. A smaller change is a rounding error
+MIN_SPEED_FRACTION = 1e-3  # fraction of the velocity limit that positions may always use
+LEFT_BEHIND_S = 0.25  # lag above which the arm counts as left behind, s. The tracker lags less
+NEAR = 0.01  # distance to the last point, rad or m, at which all points are executed
+LATE_REST_S = 2.0  # time after the last reply after which an arm at rest is done, s
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
 class ServoCounts:
-    """Numbers of setpoints since the driver started.
+    """Numbers of setpoints since the driver started."""
 
-    * `received`: all setpoints.
-    * `refused`: not followed.
-    * `clipped`: beyond the range or the maximum speed of a joint.
-    * `late`: arrived after the arm had started to brake because setpoints were missing.
-    * `left_behind`: arrived while the arm was more than LEFT_BEHIND_S behind the stream.
-    """
-
-    received: int = 0
-    refused: int = 0
-    clipped: int = 0
-    late: int = 0
-    left_behind: int = 0
+    received: int = 0  # all setpoints
+    refused: int = 0  # not followed
+    clipped: int = 0  # beyond the range or the maximum speed of a joint
+    late: int = 0  # arrived after the arm had started to brake because setpoints were missing
+    left_behind: int = 0  # arrived while the arm was more than LEFT_BEHIND_S behind the stream
 
 
 @dataclass(slots=True, eq=False)
 class _Session:
-    """A stream that the arm follows. Times are the event loop's, s.
+    """A stream that the arm follows. Times are the event loop's, s."""
 
-    * `setpoint`: the newest setpoint. `received`: arrival of the last one that was not at rest.
-    * `sent`, `sent_velocity`: position and velocity of the last point sent.
-    * `stepped`: time of the last step of the tracker.
-    * `reference`: positions and velocities over time, from the newest position setpoint.
-    * `sequence`: number of the next point.
-    * `waiting`: the point that was sent at `posted` has no reply yet.
-    * `answered`: time of the last reply.
-    * `span`: time that the tracker has advanced since the last point, s.
-    * `time`: sum of the durations of all points, s.
-    * `waited`: the last step of the tracker was longer than usual.
-    * `braked`: the arm has braked since the last setpoint, because no newer one arrived.
-    * `released`: STOP was sent because of silence, zero velocities or a pause.
-    * `fastest`: maximum speeds when following positions, shape (n,), rad/s or m/s.
-    * `behind`: lag of the tracker behind the stream, s. `behind_logged`: a lag has been logged.
-    """
-
-    setpoint: Setpoint
+    setpoint: Setpoint  # the newest
     tracker: SetpointTracker
-    received: float
-    sent: Array
+    received: float  # arrival of the last setpoint that was not at rest
+    sent: Array  # the last point
     sent_velocity: Array
-    stepped: float
+    stepped: float  # time of the last step of the tracker
     standstill: Standstill
     check: VelocityCheck
     pace: StreamSpeedEstimator
     filter: StreamFilter
-    reference: StreamReference | None = None
+    reference: StreamReference | None = None  # from the newest position setpoint
     lag: StreamLag = field(default_factory=StreamLag)
-    sequence: int = 0
-    waiting: bool = False
+    sequence: int = 0  # number of the next point
+    waiting: bool = False  # the point that was sent at `posted` has no reply yet
     posted: float = 0.0
-    answered: float = 0.0
-    span: float = 0.0
-    time: float = 0.0
-    waited: bool = False
-    braked: bool = False
-    released: bool = False
-    fastest: Array | None = None
-    behind: float = 0.0
+    answered: float = 0.0  # time of the last reply
+    span: float = 0.0  # time that the tracker has advanced since the last point, s
+    time: float = 0.0  # sum of the durations of all points, s
+    waited: bool = False  # the last step of the tracker was longer than usual
+    braked: bool = False  # since the last setpoint, because no newer one arrived
+    released: bool = False  # STOP was sent because of silence, zero velocities or a pause
+    fastest: Array | None = None  # when following positions, shape (n,), rad/s or m/s
+    behind: float = 0.0  # lag of the tracker behind the stream, s
     behind_logged: bool = False
 
     @property
@@ -183,11 +139,7 @@ class _Session:
 
 
 class Servo:
-    """Follows streams of setpoints while `run` runs.
-
-    `on_broken_off(outcome, unanswered)` is called if the arm must be enabled again. `unanswered`
-    is True if a reply is missing. `settings` may be changed at any time.
-    """
+    """Follows streams of setpoints while `run` runs. `settings` may be changed at any time."""
 
     def __init__(
         self,
@@ -200,8 +152,7 @@ class Servo:
     ) -> None:
         self.settings = ServoSettings()
         self.counts = ServoCounts()
-        self.lag = 0.0
-        """Current or last lag of the arm behind the points sent, s."""
+        self.lag = 0.0  # current or last lag of the arm behind the points sent, s
         self._limits = limits
         self._robot = robot
         self._why_not = why_not
@@ -218,8 +169,6 @@ class Servo:
         self._valid: set[str] = set()
         self._first_problem: dict[str, str] = {}
 
-    # --- status -----------------------------------------------------------------------------
-
     @property
     def active(self) -> bool:
         """True while a stream is followed, or the arm still moves after one."""
@@ -227,12 +176,10 @@ class Servo:
 
     @property
     def source(self) -> str:
-        """Topic of the stream being followed, or '' if none."""
         return '' if self._session is None else self._session.source
 
     @property
     def mode(self) -> Mode | None:
-        """Mode of the stream being followed, or None if none."""
         return None if self._session is None else self._session.setpoint.mode
 
     @property
@@ -241,11 +188,11 @@ class Servo:
         return None if self._session is None else self._session.tracker.state[0]
 
     def blocked(self, now: float) -> dict[str, float]:
-        """Return the topics whose streams are blocked, with the time until their release, s."""
+        """Return the topics whose streams are blocked, each with the time until its release, s."""
         return dict(self._interlock.waiting(now))
 
     def active_user(self) -> str | None:
-        """Return why a stream prevents new goals, or None. End the stream if it is finished."""
+        """End the stream if it is finished. Return why a stream prevents new goals, or None."""
         session = self._session
         if session is None:
             return None
@@ -255,14 +202,12 @@ class Servo:
             return None
         return f'the arm follows a stream of setpoints on {session.source}'
 
-    # --- input ------------------------------------------------------------------------------
-
     def take(
         self, setpoint: Setpoint, arrival: float | None = None, *, missed: bool = False
     ) -> str | None:
-        """Follow a setpoint instead of the previous one, or return why it is refused.
+        """Follow a setpoint instead of the previous one, or return why the setpoint is refused.
 
-        `arrival`: loop time of the arrival, s; None: now. `missed`: earlier messages were lost.
+        `arrival`: loop time of its arrival, s. None: now. `missed`: earlier messages were lost.
         """
         now = _now()
         self.counts.received += 1
@@ -285,7 +230,7 @@ class Servo:
         return None
 
     def refuse(self, source: str, why: str, arrival: float | None = None) -> None:
-        """Record an invalid message on topic `source`. `arrival`: loop time, s; None: now."""
+        """Record an invalid message on topic `source`. `arrival`: as for `take`."""
         self.counts.received += 1
         self._refuse_invalid(source, why, _now() if arrival is None else arrival)
 
@@ -302,13 +247,12 @@ class Servo:
         return True
 
     def withdraw(self) -> None:
-        """Handle the rejection of a point that the controller had acknowledged."""
         session = self._session
         if session is not None and not session.released:
-            self._break_off(session, 'the controller withdrew an acknowledgement')
+            text = 'the controller withdrew an acknowledgement'
+            self._break_off(session, text, unexplained=True)
 
     def on_joints(self, sample: JointSample, now: float) -> None:
-        """Process new joints."""
         session = self._session
         if session is None:
             return
@@ -318,7 +262,6 @@ class Servo:
         self.lag = session.lag.now
 
     async def run(self) -> None:
-        """Send points while a stream is followed, until cancelled."""
         while True:
             await self._started.wait()
             self._last_cycle = due = _now()
@@ -328,10 +271,7 @@ class Servo:
                 await asyncio.sleep(due - _now())
             self._started.clear()
 
-    # --- start ------------------------------------------------------------------------------
-
     def _try_to_start(self, setpoint: Setpoint, now: float, arrival: float) -> str | None:
-        """Start to follow a stream, or return why it is refused."""
         if (inhibit := self._why_not(Purpose.STREAM, now)) is not None:
             return self._refuse(setpoint, inhibit.cause, inhibit.text_with_remedy)
         if (waited := now - arrival) > self.settings.timeout:
@@ -339,25 +279,16 @@ class Servo:
             return self._refuse(setpoint, 'old', text)
         sample = self._robot.sample
         assert sample is not None  # noqa: S101 - for the type checker: otherwise there is no pose
-        why = self._why_blocked(setpoint) or self._why_too_far(setpoint, sample)
-        if why is not None:
-            return self._refuse(setpoint, *why)
+        if not self._interlock.permits(setpoint.source):
+            text = f'{RELEASE_S:g} s without a message that requests motion'
+            return self._refuse(setpoint, 'blocked', f'it must be released first: {text}')
+        if (why := self._why_too_far(setpoint, sample)) is not None:
+            return self._refuse(setpoint, 'far', why)
         self._start(setpoint, sample, now, arrival)
         return None
 
-    def _why_blocked(self, setpoint: Setpoint) -> tuple[str, str] | None:
-        """Return kind and text of a refusal if the stream must be released first, else None."""
-        if self._interlock.permits(setpoint.source):
-            return None
-        return 'blocked', (
-            f'it must be released first: {RELEASE_S:g} s without a message that requests motion'
-        )
-
-    def _why_too_far(self, setpoint: Setpoint, sample: JointSample) -> tuple[str, str] | None:
-        """Return kind and text of a refusal if a joint is too far from the stream, else None.
-
-        A joint must be within `start_tolerance` of the first position, and of its range.
-        """
+    def _why_too_far(self, setpoint: Setpoint, sample: JointSample) -> str | None:
+        """Return which joint is too far from the setpoint or from its own range, or None."""
         limits, tolerance = self._limits, self.settings.start_tolerance
         inside = np.clip(sample.positions, limits.position_min, limits.position_max)
         target = inside if setpoint.positions is None else setpoint.positions
@@ -366,7 +297,7 @@ class Servo:
             joint = int(np.argmax(distance))
             if distance[joint] > tolerance:
                 unit = limits.units[joint]
-                return 'far', (
+                return (
                     f'{limits.names[joint]}: {what} at {position[joint]:.6g} {unit}, the joint is '
                     f'at {sample.positions[joint]:.6g} {unit}: {distance[joint]:.6g} {unit} '
                     f'apart, servo.start_tolerance is {tolerance:g} {unit}'
@@ -374,17 +305,13 @@ class Servo:
         return None
 
     def _start(self, setpoint: Setpoint, sample: JointSample, now: float, arrival: float) -> None:
-        """Follow a new stream from the arm's position.
-
-        Raises GoalRejectedError if the controller cannot follow setpoints.
-        """
         limits = self._limits
         start = np.clip(sample.positions, limits.position_min, limits.position_max)
         standstill = Standstill(now)
         standstill.expect(None)
         reduced = servo_limits(limits, self.settings.scale, STOP_WITHIN_S)
         reduced = replace(reduced, velocity=MIN_DURATION_FRACTION * reduced.velocity)
-        tracker = SetpointTracker(reduced, start)
+        tracker = self._stopper.delivery.tracker(reduced, start)
         session = _Session(
             setpoint,
             tracker,
@@ -411,14 +338,15 @@ class Servo:
     def _update(
         self, session: _Session, setpoint: Setpoint, now: float, arrival: float
     ) -> str | None:
-        """Process a setpoint while a stream is followed. Return why it is refused, or None."""
         if setpoint.source != session.source or setpoint.mode is not session.setpoint.mode:
             if setpoint.at_rest:
                 return None
             text = f'the arm follows the {session.setpoint.mode} stream on {session.source}'
             return self._refuse(setpoint, 'two', text)
-        if (why := self._contradiction(session, setpoint, arrival)) is not None:
-            return self._refuse_invalid(setpoint.source, why, now)
+        if setpoint.positions is not None and setpoint.velocities is not None:
+            why = session.check.add(arrival, setpoint.positions, setpoint.velocities)
+            if why is not None:
+                return self._refuse_invalid(setpoint.source, why, now)
         session.setpoint = setpoint
         if setpoint.at_rest:  # handled like silence
             self._release(session, now)
@@ -430,12 +358,6 @@ class Servo:
         session.braked = False
         self._report_clipping(setpoint, session, now)
         return None
-
-    def _contradiction(self, session: _Session, setpoint: Setpoint, arrival: float) -> str | None:
-        """Return how the positions of a stream contradict its velocities, or None."""
-        if setpoint.positions is None or setpoint.velocities is None:
-            return None
-        return session.check.add(arrival, setpoint.positions, setpoint.velocities)
 
     def _update_reference(self, session: _Session, setpoint: Setpoint, arrival: float) -> None:
         if setpoint.positions is None:
@@ -470,7 +392,7 @@ class Servo:
         )
 
     def _refuse(self, setpoint: Setpoint, kind: Cause | str, text: str) -> str:
-        """Count a refused setpoint, log the reason once per kind and stream, and return it."""
+        """Count a refused setpoint, and return the reason. Log it once per kind and stream."""
         self.counts.refused += 1
         if kind != 'far':
             self._interlock.block(setpoint.source)
@@ -478,11 +400,11 @@ class Servo:
         before = self._reported.get(key, -np.inf)
         self._reported[key] = now
         if now - before >= RELEASE_S:
-            _log.warning('the stream on %s is not followed: %s', setpoint.source, text)
+            _log.warning('the stream on %s is refused: %s', setpoint.source, text)
         return text
 
     def _refuse_invalid(self, source: str, why: str, arrival: float) -> str:
-        """Count an invalid setpoint, log the reason with a limited rate, and return it."""
+        """Count an invalid setpoint, and return the reason. Log it at a limited rate."""
         self.counts.refused += 1
         self._interlock.receive(source, None, arrival, missed=False)
         if source != self.source:
@@ -498,18 +420,11 @@ class Servo:
         return why
 
     def _is_at(self, positions: Array) -> bool:
-        """Return whether all joints are within NEAR of positions, shape (n,)."""
         sample = self._robot.sample
         return sample is not None and float(np.abs(sample.positions - positions).max()) <= NEAR
 
-    # --- motion -----------------------------------------------------------------------------
-
     def _cycle(self, session: _Session, now: float) -> None:
-        """Advance the tracker and send its position as the next point.
-
-        Stop the stream if motion is inhibited. Send STOP but keep the stream during a pause, or
-        if velocities stop arriving. End it if it was silent for RELEASE_S and the arm is at rest.
-        """
+        """Send the next point, or stop, release or end the stream (rules 3 and 5)."""
         gap, self._last_cycle = now - self._last_cycle, now
         paused = not self._goals.scaling.target
         if (inhibit := self._why_no_point(session, now)) is not None:
@@ -539,10 +454,7 @@ class Servo:
             self._end(session)
 
     def _step_or_wait(self, session: _Session, now: float) -> None:
-        """Advance the tracker, unless the arm lags too far behind or its state is stale.
-
-        Breaks off if this lasts longer than the reply timeout.
-        """
+        """Advance the tracker, unless the arm is too far behind or its state is stale."""
         stale = self._robot.stale(now)
         waited = now - max(session.answered, session.standstill.alive)
         if (stale or session.lag.now > MAX_LAG_S) and waited > self.settings.reply_timeout:
@@ -556,7 +468,6 @@ class Servo:
         return now - session.received > self.settings.timeout
 
     def _why_no_point(self, session: _Session, now: float) -> Inhibit | None:
-        """Return why no further point may be sent, or None."""
         return self._why_not(Purpose.LET_GO if session.released else Purpose.FOLLOW, now)
 
     def _step(self, session: _Session, now: float) -> None:
@@ -585,7 +496,6 @@ class Servo:
         self._post(session, message, now)
 
     def _track(self, session: _Session, now: float, dt: float) -> None:
-        """Advance the tracker by `dt` s, in steps of about a cycle."""
         tracker, setpoint = session.tracker, session.setpoint
         factor = self._goals.scaling.factor(now)
         silent = self._silent(session, now)
@@ -619,24 +529,19 @@ class Servo:
     ) -> tuple[ServoTarget, Array | float]:
         """Return the target at `now`, and the maximum speed as fractions of the limits.
 
-        The tracker advances by `dt` s in steps of `step` s. `factor`: the speed scaling.
-        If the setpoint has a window, the target is ahead of `now` by the arm's lag. The maximum
-        speed is `catch_up` times the stream's speed, for each joint separately, so that the arm
-        stays approximately on the path of the stream.
+        The tracker advances by `dt` s in steps of `step` s. If the setpoint has a window, the
+        target is later than `now` by the arm's lag.
         """
-        speed = self._fastest(session, factor)
+        speed, lead = self._fastest(session, factor), self._stopper.delivery.lead
         if session.setpoint.window is None:
-            return session.filter.aim(now, dt - step), speed
+            return session.filter.aim(now, dt - step, lead), speed
         age = now - session.received
         end = reference.reach + MAX_EXTRAPOLATION_S
-        time = max(min(age + session.lag.behind, end), age)
+        time = max(min(age + max(session.lag.behind, lead), end), age)
         return reference.aim(time, step, session.tracker.limits), speed
 
     def _fastest(self, session: _Session, factor: float) -> Array | float:
-        """Return the maximum speed of the tracker as a fraction of each limit, and store it.
-
-        A stream of positions is followed at most at `catch_up` times its own speed.
-        """
+        """Return the maximum speed of the tracker as a fraction of each limit, and store it."""
         if session.reference is None:
             return factor
         limit = session.tracker.limits.velocity
@@ -648,11 +553,7 @@ class Servo:
     def _message(
         self, session: _Session, position: Array, velocity: Array, span: float
     ) -> Message:
-        """Return the message of the next point, `span` s of tracker time after the last one.
-
-        Raises GoalRejectedError if the point exceeds a limit, or if the controller cannot follow
-        setpoints.
-        """
+        """Return the message of the next point. `span`: tracker time since the last point, s."""
         late = max(session.lag.behind - USUAL_LAG_S, 0.0)
         fraction = max(1.0 - LAG_CORRECTION * late, MIN_DURATION_FRACTION)
         if session.fastest is not None and span > 0.0 and not session.waited:
@@ -674,7 +575,6 @@ class Servo:
         return message
 
     def _post(self, session: _Session, message: Message, now: float) -> None:
-        """Send a point, or stop the stream if motion is inhibited now."""
         if session is not self._session:
             return
         if (inhibit := self._why_no_point(session, now)) is not None:
@@ -703,16 +603,13 @@ class Servo:
         session.waiting, session.answered = False, now
         session.standstill.expect(now)
 
-    # --- end --------------------------------------------------------------------------------
-
     def _release(self, session: _Session, now: float) -> None:
-        """Send STOP unless all points are executed. Later setpoints may move the arm again."""
+        """Send STOP, unless all points are executed. Later setpoints may move the arm again."""
         if not session.released and not self._done(session, now):
             session.released = True
             self._stopper.stop()
 
     def _restart_or_end(self, session: _Session, now: float) -> None:
-        """End a stream after its STOP, or follow it again if its setpoints request motion."""
         self._session = None
         if session.setpoint.at_rest or self._silent(session, now):
             _log.info('the stream on %s has ended, and the arm is at rest', session.source)
@@ -720,7 +617,6 @@ class Servo:
             self._try_to_start(session.setpoint, now, session.received)
 
     def _done(self, session: _Session, now: float) -> bool:
-        """Return whether all points are executed and the arm is at rest."""
         sample = self._robot.sample
         if sample is None or not session.all_sent:
             return False
@@ -729,7 +625,6 @@ class Servo:
         return self._is_at(session.sent) or now - session.answered > LATE_REST_S
 
     def _end(self, session: _Session) -> None:
-        """End a silent stream. The arm is at rest."""
         self._session = None
         if self._is_at(session.sent):
             self._stopper.goal_reached()

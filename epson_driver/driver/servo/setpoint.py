@@ -10,95 +10,71 @@ import numpy as np
 
 from epson_driver.motion import Array, JointLimits
 
-MAX_SPEED_FACTOR = 1.1
-"""Maximum speed of a setpoint, as a multiple of the joint's velocity limit."""
-
-WINDOW_BEHIND_S = 0.04
-"""Maximum delay of positions in a Window relative to the integral of their velocities, s."""
-
-SLACK = 1e-3
-"""Additional tolerance of `contradiction` for rounding and noise, rad or m."""
+MAX_SPEED_FACTOR = 1.1  # maximum speed of a setpoint, as a multiple of the joint's velocity limit
+WINDOW_BEHIND_S = 0.04  # maximum delay of positions to the integral of velocities
+SLACK = 1e-3  # additional tolerance of `contradiction` for rounding and noise, rad or m
 
 
-SAME_POSITION = 1e-6
-"""Maximum difference between positions that count as equal, rad or m."""
-
-MAX_REST_VELOCITY = 1e-4
-"""Maximum velocity that counts as zero, rad/s or m/s. Filters may leave a small residue."""
+SAME_POSITION = 1e-6  # maximum difference between positions that count as equal, rad or m
+MAX_REST_VELOCITY = 1e-4  # counts as zero, rad/s or m/s: filters leave a residue
 
 
 class Mode(StrEnum):
-    """Type of a stream's setpoints."""
-
     POSITION = 'position'
     VELOCITY = 'velocity'
 
 
 @dataclass(frozen=True, slots=True)
 class ServoSettings:
-    """Settings for following streams. A change of `scale` applies to the next stream.
+    """Settings for following streams. A change of `scale` applies to the next stream."""
 
-    * `scale`: fraction of the velocity, acceleration and jerk limits, (0, 1].
-    * `timeout`: time without setpoints after which the arm stops, s.
-    * `start_tolerance`: maximum distance of the first position from the arm, rad or m.
-    * `reply_timeout`: maximum wait for a reply while the arm does not move, s.
-    * `period`: minimum time between two points, s.
-    * `catch_up`: maximum speed of an arm that is behind the stream, as a multiple of the stream's
-      speed, ≥ 1.
-    """
-
-    scale: float = 0.25
-    timeout: float = 0.1
-    start_tolerance: float = 0.1
-    reply_timeout: float = 5.0
-    period: float = 0.02
-    catch_up: float = 1.5
+    scale: float = 0.25  # fraction of the velocity, acceleration and jerk limits, (0, 1]
+    timeout: float = 0.1  # time without setpoints after which the arm stops, s
+    start_tolerance: float = 0.1  # maximum distance of the first position from the arm, rad or m
+    reply_timeout: float = 5.0  # maximum wait for a reply while the arm does not move, s
+    period: float = 0.02  # minimum time between two points, s
+    catch_up: float = (
+        1.5  # maximum speed of an arm behind the stream, ≥ 1, as a multiple of its speed
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """The next k ≥ 2 points of a stream, from one message.
+    """The next k ≥ 2 points of a stream, from one message."""
 
-    * `times`: since the arrival of the message, strictly increasing, shape (k,), s.
-    * `positions`: shape (k, n), rad or m. `velocities`: shape (k, n), rad/s or m/s, or None.
-    """
-
-    times: Array
-    positions: Array
-    velocities: Array | None = None
+    times: Array  # since the arrival of the message, strictly increasing, shape (k,), s
+    positions: Array  # shape (k, n), rad or m
+    velocities: Array | None = None  # shape (k, n), rad/s or m/s
 
 
 NO_STATE_YET = 'its sender has no state yet: all values are NaN'
-"""Why a message of only NaN is invalid. ros2_control sends these without an active controller."""
+"""Error text for a message of only NaN. ros2_control sends them while no controller is active."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Setpoint:
-    """One setpoint from the topic `source`, with joints in the controller's order.
-
-    * `positions`: shape (n,), rad or m, or None for a velocity setpoint.
-    * `velocities`: shape (n,), rad/s or m/s; optional for a position setpoint.
-    * `window`: all points, if there are several. The other fields then describe the last one.
-    """
+    """One setpoint from the topic `source`, with joints in the controller's order."""
 
     source: str
-    positions: Array | None = None
-    velocities: Array | None = None
-    window: Window | None = None
+    positions: Array | None = None  # shape (n,), rad or m, or None for a velocity setpoint
+    velocities: Array | None = None  # shape (n,), rad/s or m/s; optional for a position setpoint
+    window: Window | None = None  # all points, if several: the other fields describe the last
 
     @property
     def mode(self) -> Mode:
-        """Whether the setpoint is a position or a velocity."""
         return Mode.VELOCITY if self.positions is None else Mode.POSITION
 
     @property
     def at_rest(self) -> bool:
-        """Whether this is a velocity setpoint of zero, as from a released joystick."""
+        """Whether this is a velocity setpoint of only zeros, as from a released joystick."""
         return self.positions is None and not np.any(self.velocities)
 
     @property
     def holds(self) -> bool:
-        """Whether this is a position setpoint with zero velocities and a constant window."""
+        """Whether this is a setpoint that asks the arm to stay at one position.
+
+        Its velocities are zero, and all positions in its window are equal.
+        """
         if self.positions is None:
             return False
         if self.velocities is not None and np.abs(self.velocities).max() > MAX_REST_VELOCITY:
@@ -106,7 +82,6 @@ class Setpoint:
         return self.window is None or np.ptp(self.window.positions, axis=0).max() <= SAME_POSITION
 
     def problem(self, limits: JointLimits) -> str | None:
-        """Return why the setpoint is invalid, or None if it is valid."""
         if self.positions is None and self.velocities is None:
             return 'it has neither positions nor velocities'
         for name, values in (('positions', self.positions), ('velocities', self.velocities)):
@@ -154,10 +129,7 @@ class Setpoint:
         )
 
     def beyond(self, limits: JointLimits, fastest: Array) -> str | None:
-        """Return a text with the first joint whose target exceeds its range or speed, or None.
-
-        `fastest`: maximum velocities for velocity setpoints, shape (n,), rad/s or m/s.
-        """
+        """Return a text with the first joint whose target exceeds its range or speed, or None."""
         if self.positions is not None:
             values, low, high, what = (
                 limits.settled(self.positions),
@@ -184,10 +156,9 @@ def contradiction(
 ) -> str | None:
     """Return a text with the first joint whose velocities contradict its positions, or None.
 
-    `moved`: displacement since the first position, shape (k, n), rad or m. `integral`: integral of
-    the velocities over the same time, shape (k, n), rad or m. `velocities`: velocities of all
-    points, shape (m, n), rad/s or m/s. `max_delay`: maximum delay of the positions relative to the
-    integral, s.
+    `moved`: displacements since the first position. `integral`: integrals of the velocities over
+    the same times. Both have the shape (k, n), rad or m. `max_delay`: maximum delay of the
+    displacements relative to the integrals, s.
     """
     behind = np.abs(integral) - np.maximum(moved * np.sign(integral), 0.0)
     contradicting = np.argwhere(behind > max_delay * np.abs(velocities).max(axis=0) + SLACK)
@@ -202,10 +173,7 @@ def contradiction(
 
 
 def _too_fast(velocities: Array, limits: JointLimits, what: str) -> str | None:
-    """Return a text with the first joint that is faster than MAX_SPEED_FACTOR, or None.
-
-    `what`: name of the velocities.
-    """
+    """Return a text with the first joint that is faster than MAX_SPEED_FACTOR, or None."""
     too_fast = np.argwhere(np.abs(velocities) > MAX_SPEED_FACTOR * limits.velocity)
     if not too_fast.size:
         return None
@@ -216,42 +184,30 @@ def _too_fast(velocities: Array, limits: JointLimits, what: str) -> str | None:
     )
 
 
-GAP_S = 0.2
-"""Minimum gap between two messages, s, after which lost messages are attributed to a stall of this
-process. Losses without a gap are attributed to the network."""
-
-LONGEST_WAIT_S = 10.0
-"""Maximum plausible time of a message in the queue, s. A longer time means that the system clock
-was set."""
-
-DISCOVERY_S = 10.0
-"""Time after the start of this process, s, in which a new publisher may already have sent
-setpoints to an earlier instance of the driver."""
-
-MAX_PUBLISHERS = 32
-"""Maximum number of publishers per topic that are tracked."""
+GAP_S = 0.2  # messages lost after a shorter gap were lost by the network
+LONGEST_WAIT_S = 10.0  # a message waiting longer means that the system clock was set
+DISCOVERY_S = 10.0  # a new publisher may have sent setpoints to an earlier driver
+MAX_PUBLISHERS = 32  # maximum number of publishers per topic that are tracked
 
 
 class ArrivalMonitor:
-    """Distinguishes silence on a topic from messages lost while this process was stalled.
+    """Distinguishes silence on a topic from messages that were lost while this process stalled.
 
-    Newer messages replace older ones in the short queue of a subscription. Lost messages are
-    therefore detected by their sequence numbers. Each publisher numbers its messages separately,
-    and ROS does not identify the publisher of a message. `started`: monotonic time at which this
-    process started to receive, s.
+    In the short queue of a subscription, newer messages replace older ones. Such losses show in
+    the sequence numbers. Each publisher numbers its messages separately, and ROS does not identify
+    the publisher of a message. `started`: monotonic time at which this process started to
+    receive, s.
     """
 
     def __init__(self, started: float) -> None:
         self._started = started
-        self._newest: list[int] = []
-        """Last sequence number of each publisher."""
+        self._newest: list[int] = []  # last sequence number of each publisher
         self._last_arrival = 0.0
 
     def missed(self, number: int | None, arrival: float) -> bool:
         """Return whether messages were lost between the previous message and this one.
 
-        `number`: publication_sequence_number of the message; None if the middleware has none.
-        `arrival`: monotonic time of arrival, s.
+        `number`: the message's publication_sequence_number, or None if the middleware has none.
         """
         gap, self._last_arrival = arrival - self._last_arrival, arrival
         if number is None:
@@ -266,10 +222,10 @@ class ArrivalMonitor:
 
 
 def came_at(received: int | None) -> float:
-    """Return the monotonic time at which a message arrived, s, before it waited in the queue.
+    """Return the monotonic time at which a message arrived in its queue, s.
 
-    `received`: system time at which the middleware received the message, ns. If it is None, 0 or
-    implausible, the current time is returned.
+    `received`: system time of its arrival, ns. If this is implausible, the result is the current
+    time.
     """
     waited = time.time() - received * 1e-9 if received else 0.0
     return time.monotonic() - (waited if 0.0 <= waited <= LONGEST_WAIT_S else 0.0)

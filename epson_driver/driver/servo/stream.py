@@ -16,60 +16,38 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.setpoint_tracker import ServoTarget, stopping_distance
 
 FIT_SPANS_S = (0.8, 0.3, 0.14)
-"""Time spans in which setpoints may be fitted, s. The longest span in which a line fits all
-setpoints, apart from noise, is used. In the shortest span a parabola is fitted."""
+"""Time spans for fitting setpoints, s. The longest span in which all deviations from a line are
+noise is used. If there is no such span, a parabola is fitted in the shortest span."""
 
-NOISE = 1.5e-3
-"""Maximum rms deviation from a line that counts as noise, rad or m."""
+NOISE = 1.5e-3  # maximum rms deviation from a line that counts as noise, rad or m
 
 RANDOM = 1.0
-"""Minimum ratio of squared successive differences to squared deviations that counts as noise. This
-is von Neumann's ratio: 2 for noise, 0 for a curve."""
+"""Minimum ratio of squared successive differences to squared deviations that counts as noise. It
+is von Neumann's ratio, which is 2 for noise and 0 for a curve."""
 
 SIGNIFICANT = 4.0
-"""Multiple of a slope's variance that is subtracted from the slope's square. Slopes that noise can
-explain are therefore treated as 0."""
+"""Multiple of a slope's variance that is subtracted from the slope's square, so that a slope that
+noise can explain is treated as 0."""
 
 LAG_S = 0.034
-"""Age of the position that the arm follows in a stream of positions, s. With this lag, setpoints
-are known before and after the position."""
+"""Age of the position that the arm follows in a stream of positions, s. At this age, setpoints
+before and after the position are known."""
 
-LAG_WITH_VELOCITIES_S = 0.004
-"""Age of the position that the arm follows in a stream of positions with velocities, s."""
+LAG_IN_REAL_TIME_S = 0.002
+"""The same for an arm with a target in each control cycle. The position is extrapolated."""
 
-FRESH_S = 0.07
-"""Time for which a setpoint is extrapolated, s. After that the arm stops at the setpoint."""
-
-PASSED = 1e-3
-"""Tolerance by which the arm may pass the last setpoint of a stream, rad or m."""
-
-ABRUPT = 0.2
-"""Minimum change of velocity between two setpoints that counts as abrupt, rad/s or m/s."""
-
-ABRUPT_FRACTION = 0.8
-"""Minimum abrupt change as a fraction of the larger velocity. Both minimums must be exceeded."""
-
-FORGET_S = 30.0
-"""Time constant for forgetting abrupt changes, s. One gentle reversal clears them immediately."""
-
-MIN_SPAN_S = 0.01
-"""Minimum interval for estimating a velocity, s. Shorter intervals between arrivals are caused by
-the network."""
-
-AGE_FILTER_WEIGHT = 0.2
-"""Weight of a new value in the average age that a setpoint has when the next one arrives."""
-
-ABRUPT_MARGIN = 1.2
-"""Expected size of the next abrupt stop, as a multiple of the largest abrupt change."""
-
-MIN_FITTED = 6
-"""Minimum number of setpoints for estimating noise."""
-
-ROUNDING = 1e-12
-"""Maximum difference between positions that count as equal, rad or m."""
-
-TINY = 1e-30
-"""Minimum divisor, which prevents a division by zero."""
+LAG_WITH_VELOCITIES_S = 0.004  # the same if the setpoints have velocities
+FRESH_S = 0.07  # time for which a setpoint is extrapolated, s. After it the arm stops there
+PASSED = 1e-3  # tolerance by which the arm may pass the last setpoint of a stream, rad or m
+ABRUPT = 0.2  # minimum abrupt change of velocity between two setpoints, rad/s or m/s
+ABRUPT_FRACTION = 0.8  # the same as a fraction of the larger velocity
+FORGET_S = 30.0  # time constant for forgetting abrupt changes, s. A gentle reversal clears them
+MIN_SPAN_S = 0.01  # minimum interval for a velocity, s. Network delays cause shorter ones
+AGE_FILTER_WEIGHT = 0.2  # weight of a new value in the average age of replaced setpoints
+ABRUPT_MARGIN = 1.2  # the next abrupt stop, as a multiple of the largest abrupt change
+MIN_FITTED = 6  # minimum number of setpoints for estimating noise
+ROUNDING = 1e-12  # maximum difference between positions that count as equal, rad or m
+TINY = 1e-30  # minimum divisor, which prevents a division by zero
 
 
 class StreamFilter:
@@ -81,10 +59,11 @@ class StreamFilter:
     newest setpoint, because the fit is most accurate inside its span. If the setpoints have
     velocities, these are integrated, and only the difference to the positions is fitted.
 
-    The arm does not pass the last setpoint of a stream, as far as its limits permit. A stream that
-    has changed its velocity abruptly may also stop abruptly. The arm then follows it at the
-    distance needed to stop. Other streams decelerate before their end, so the distance is not
-    needed. Times are the event loop's, s. `limits`: limits with which the joints stop.
+    The arm passes the last setpoint of a stream only if its limits prevent an earlier stop. A
+    stream that has changed its velocity abruptly may also end abruptly. The arm therefore follows
+    such a stream at a distance in which it can stop. Other streams decelerate before they end, so
+    the arm needs no such distance.
+    Times are the event loop's, s. `limits`: limits with which the joints stop.
     """
 
     def __init__(self, limits: JointLimits) -> None:
@@ -94,17 +73,17 @@ class StreamFilter:
         self._positions = self._velocities = self._integral = empty
         """Setpoint times, shape (k,), positions, velocities and their integral, shape (k, n)."""
         self._fit: tuple[Array, ...] = ()
-        """Middle of the span, and value, slope and second derivative there, each shape (n,)."""
+        """Middle of the fitted span, and value, slope and second derivative at it, shapes (n,)."""
         self._speed = self._abrupt = empty.sum(axis=0)
         """Last velocity between two setpoints, and largest recent abrupt change, shape (n,)."""
         self._age = self._usual_age = 0.0
-        """Age of the newest setpoint at the last step, and average age when replaced, s."""
+        """Age of the newest setpoint at the last step, and mean age of replaced setpoints, s."""
 
     def add(self, time: float, positions: Array, velocities: Array | None = None) -> Array:
-        """Add a setpoint, and return an estimate of its velocity. All arrays have shape (n,).
+        """Add a setpoint, and return an estimate of its velocity. All arrays have the shape (n,).
 
-        The estimate is the fitted velocity or the velocity since the previous setpoint, whichever
-        is smaller, and 0 if they differ in sign.
+        The estimate is the smaller one of the fitted velocity and the velocity since the previous
+        setpoint. If their signs differ, it is 0.
         """
         limits = self._limits
         position = np.clip(positions, limits.position_min, limits.position_max)
@@ -136,7 +115,10 @@ class StreamFilter:
         return np.where(speed * self._speed > 0.0, lower, 0.0)
 
     def _add_speed(self, speed: Array, span: float) -> None:
-        """Update the largest abrupt change with a new `speed`, `span` s after the previous one."""
+        """Update the largest abrupt change of velocity with the velocity of a new setpoint.
+
+        `span`: time since the previous setpoint, s.
+        """
         change = np.abs(speed - self._speed)
         fastest = np.maximum(np.abs(speed), np.abs(self._speed))
         abrupt = (change > ABRUPT) & (change > ABRUPT_FRACTION * fastest)
@@ -171,18 +153,17 @@ class StreamFilter:
         chosen[2:, resting] = 0.0
         return tuple(chosen)
 
-    def aim(self, now: float, ahead: float = 0.0) -> ServoTarget:
-        """Return the target of the arm at `now`, which must be later than all setpoints.
-
-        `ahead`: time by which the current step is longer than usual, s.
-        """
+    def aim(self, now: float, ahead: float = 0.0, lead: float = 0.0) -> ServoTarget:
+        """Return the target `lead` s after `now`. `ahead`: additional length of this step, s."""
         times, limits = self._times, self._limits
         age = float(now - times[-1])
         self._age = age - ahead
-        lag = LAG_WITH_VELOCITIES_S if self._velocities[-1].any() else LAG_S
+        without = LAG_IN_REAL_TIME_S if lead else LAG_S
+        lag = LAG_WITH_VELOCITIES_S if self._velocities[-1].any() else without
         if age > FRESH_S:
             position, zero = self._positions[-1], np.zeros_like(self._speed)
             return ServoTarget(position, zero, zero, position - PASSED, position + PASSED)
+        now, age = now + lead, age + lead
         middle, value, slope, curvature = self._fit
         time = now - lag
         index = max(int(np.searchsorted(times, time, side='right')) - 1, 0)
@@ -216,7 +197,7 @@ class StreamFilter:
         stop = stopping_distance(limits, abrupt) + abrupt * (self._usual_age - lag)
         # the same delay for all joints, so that they stay on their line
         distance = speed * max(float(np.max(stop / np.maximum(speed, TINY))), 0.0)
-        # a stop first ends the acceleration, which is certain in gentle streams only
+        # a stop must end the acceleration first, whose estimate is certain in gentle streams only
         gain = np.where(self._abrupt > 0.0, 0.0, np.sign(velocity) * acceleration)
         ends = np.clip(gain, 0.0, limits.acceleration) / limits.jerk
         before_stop = ends * (speed + limits.jerk * ends**2 / 3.0)
@@ -235,11 +216,7 @@ class StreamFilter:
 
 
 def _line(times: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Fit a line to each column of `values`, shape (k, n), k ≥ 3.
-
-    Return the fits in the format of `StreamFilter._fit`, shape (4, n), and whether the residuals
-    are noise, shape (n,).
-    """
+    """Fit a line to each column. Return fits as in `StreamFilter._fit`, and which are noisy."""
     middle = times.mean()
     offsets = times - middle
     mean = values.mean(axis=0)
@@ -257,10 +234,7 @@ def _line(times: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def _parabola(times: Array, values: Array) -> Array:
-    """Fit a parabola to each column of `values`, shape (k, n), or a line if k < 4.
-
-    Return the fits in the format of `StreamFilter._fit`, shape (4, n).
-    """
+    """Fit a parabola to each column of `values`, shape (k, n), or a line if k < 4."""
     middle = times.mean()
     offsets = times - middle
     mean = values.mean(axis=0)
@@ -281,32 +255,22 @@ def _parabola(times: Array, values: Array) -> Array:
     return fit
 
 
-MOVED = 1e-3
-"""Minimum displacement for determining the arm's direction of motion, rad or m."""
-
-CHECK_MEMORY_S = 0.4
-"""Maximum age of setpoints whose positions and velocities are compared, s."""
-
-BEHIND_S = 0.1
-"""Maximum delay of positions relative to the integral of their velocities, s."""
-
-TRUSTED_AFTER_S = 0.15
-"""Time for which velocities must agree with the positions before they are used, s."""
+MOVED = 1e-3  # minimum displacement for determining the arm's direction of motion, rad or m
+CHECK_MEMORY_S = 0.4  # maximum age of setpoints whose positions and velocities are compared, s
+BEHIND_S = 0.1  # maximum delay of positions relative to the integral of their velocities, s
+TRUSTED_AFTER_S = 0.15  # velocities must agree with the positions for this time
 
 
 class VelocityCheck:
-    """Compares the positions of setpoints with the integral of their velocities."""
-
     def __init__(self, limits: JointLimits) -> None:
         self._limits = limits
         self._setpoints: deque[tuple[float, Array, Array]] = deque()
-        self.trusted = False
-        """Whether the velocities have agreed with the positions for TRUSTED_AFTER_S."""
+        self.trusted = False  # they have agreed for TRUSTED_AFTER_S
 
     def add(self, time: float, positions: Array, velocities: Array) -> str | None:
-        """Add a setpoint, received at `time` s, with arrays of shape (n,).
+        """Add a setpoint.
 
-        Returns None if the positions agree with the velocities, else a text with the difference.
+        Return a text that describes how the positions contradict the velocities, or None.
         """
         setpoints = self._setpoints
         if setpoints and time - setpoints[-1][0] > CHECK_MEMORY_S:
@@ -335,7 +299,7 @@ class StreamReference:
     """Positions and velocities over time, from one position setpoint or its window.
 
     All values are clipped to the limits. Times are relative to the arrival of the setpoint, s.
-    `estimate`: velocities, shape (n,), for a setpoint without velocities and without a window.
+    `estimate`: velocities, shape (n,), used if the setpoint has neither velocities nor a window.
     """
 
     def __init__(
@@ -357,8 +321,7 @@ class StreamReference:
         self._times: list[float] = times.tolist()
         self._positions = np.clip(positions, limits.position_min, limits.position_max)
         self._velocities = np.clip(velocities, -limits.velocity, limits.velocity)
-        self.fastest: Array = np.abs(self._velocities).max(axis=0)
-        """Highest speed of each joint, shape (n,), rad/s or m/s."""
+        self.fastest: Array = np.abs(self._velocities).max(axis=0)  # shape (n,), rad/s or m/s
 
     @property
     def reach(self) -> float:
@@ -366,10 +329,7 @@ class StreamReference:
         return max(self._times[-1], 0.0)
 
     def aim(self, time: float, dt: float, limits: JointLimits) -> ServoTarget:
-        """Return the target at a time of the window, for a step of `dt` s.
-
-        The target's bounds include the later points and the stop after the end of the window.
-        """
+        """Return the target for a step of `dt` s, bounded by later points and the final stop."""
         position, velocity = self.at(time)
         acceleration = (velocity - self.at(time - dt)[1]) / dt
         end, speed = self.at(max(time, self._times[-1]))
@@ -380,10 +340,9 @@ class StreamReference:
         return ServoTarget(position, velocity, acceleration, low, high)
 
     def at(self, time: float) -> tuple[Array, Array]:
-        """Return position and velocity at a time, shapes (n,).
+        """Return position and velocity at a time, by cubic interpolation, shapes (n,).
 
-        The interpolation is cubic. Before the first point, the values of the first point are
-        returned. After the last point, its velocity continues for MAX_EXTRAPOLATION_S.
+        The velocity of the last point continues for MAX_EXTRAPOLATION_S after the point.
         """
         times, positions, velocities = self._times, self._positions, self._velocities
         if time >= times[-1]:
@@ -404,11 +363,8 @@ class StreamReference:
         return position, velocity
 
 
-PACE_SPAN_S = 0.1
-"""Minimum interval for estimating the speed of a stream, s, because messages arrive in bursts."""
-
-PACE_MEMORY_S = 0.5
-"""Minimum time for which a speed is stored, s."""
+PACE_SPAN_S = 0.1  # minimum interval for estimating a speed: messages arrive in bursts
+PACE_MEMORY_S = 0.5  # minimum time for which a speed is stored, s
 
 
 @dataclass(slots=True)
@@ -421,19 +377,14 @@ class _StreamState:
 
 
 class StreamSpeedEstimator:
-    """Estimates the speed of a stream of positions over the path ahead of the arm.
-
-    `start`: position of the arm at the start, shape (n,). Times are the event loop's, s.
-    """
+    """Estimates the speed of a stream of positions over the path ahead of the arm."""
 
     def __init__(self, start: Array, time: float) -> None:
         first = _StreamState(time - PACE_SPAN_S, start, np.zeros_like(start))
         self._path = deque([first], maxlen=MAX_SENT)
-        self._passed = 0
-        """Index of the position that the arm has passed last."""
+        self._passed = 0  # index of the position that the arm has passed last
 
     def add(self, time: float, reference: StreamReference) -> None:
-        """Add a setpoint of the stream, later than the previous ones."""
         position, _ = reference.at(0.0)
         before = next(
             (item for item in reversed(self._path) if time - item.time >= PACE_SPAN_S),
@@ -447,7 +398,7 @@ class StreamSpeedEstimator:
         self._path.append(_StreamState(time, position, speed))
 
     def lag(self, time: float, position: Array) -> float:
-        """Return by how much a commanded position, shape (n,), lags behind the stream, s."""
+        """Return the time by which a commanded position, (n,), lags behind the stream, s."""
         path = self._path
         passed = max(self._passed, 0)
         if float(np.abs(path[-1].position - position).max()) <= NEAR:
@@ -463,50 +414,40 @@ class StreamSpeedEstimator:
         return behind
 
     def fastest(self) -> Array:
-        """Return the highest speed of each joint on the stored path, shape (n,)."""
         speeds: Array = np.array([item.speed for item in self._path]).max(axis=0)
         return speeds
 
 
-NEAR = 1e-3
-"""Distance to the last position sent, rad or m, within which the arm has reached it."""
-
-MAX_SENT = 256
-"""Maximum number of stored setpoints, which cover five seconds."""
-
-BEHIND_FILTER_S = 0.2
-"""Time constant for smoothing the lag of the arm, s."""
-
-NEXT = 25
-"""Maximum number of stored positions that are searched for the one nearest to the arm."""
+NEAR = 1e-3  # distance to the last position sent, rad or m, within which the arm has reached it
+MAX_SENT = 256  # maximum number of stored setpoints, which cover five seconds
+BEHIND_FILTER_S = 0.2  # time constant for smoothing the lag of the arm, s
+NEXT = 25  # maximum number of stored positions that are searched for the one nearest to the arm
 
 
 class StreamLag:
-    """Lag of the arm behind the positions sent. Times are the event loop's, s."""
+    """Lag of the arm behind the sent positions. Times are the event loop's, s."""
 
     def __init__(self) -> None:
         self.now = 0.0
-        """Time since the arm's current position was sent, s; 0 at the last position sent."""
+        """Time since the arm's current position was sent, s. It is 0 at the last sent position."""
         self.behind = 0.0
-        """Filtered value of `now`, s. Samples at the last position sent are ignored, because an
-        arm that stops at each point is always there when it receives the next point."""
+        """Filtered value of `now`, s. Samples at the last sent position are ignored, because an
+        arm that stops at each point is always at this position when it receives the next point."""
         self._last_sample = 0.0
         self._sent: deque[tuple[float, Array]] = deque(maxlen=MAX_SENT)
         self._position: Array | None = None
         self._direction: Array = np.zeros(0)
-        """Last displacement of the arm above MOVED, shape (n,), which ended at `_position`."""
+        """Last displacement of the arm above MOVED, shape (n,). It ended at `_position`."""
 
     @property
     def ahead(self) -> float:
-        """Time span of the points sent that the arm has not passed, s."""
+        """Time from the last point that the arm has passed to the last point sent, s."""
         return self._sent[-1][0] - self._sent[0][0] if self._sent else 0.0
 
     def sent(self, time: float, position: Array) -> None:
-        """Record a position that was sent, shape (n,)."""
         self._sent.append((time, position))
 
     def update(self, sample: JointSample) -> None:
-        """Update the lag from a sample of the arm's position."""
         sent = self._sent
         if not sent:
             return
@@ -529,10 +470,11 @@ class StreamLag:
     def _passed(self, near: Array, position: Array) -> int:
         """Return the index of the position that the arm passed last.
 
-        `near`: positions sent, shape (k, n). `position`: position of the arm, shape (n,). A path
-        may pass a position twice in opposite directions. The nearest position in the arm's
-        direction is therefore preferred, unless it is farther away than the nearest one by more
-        than half a step.
+        `near`: sent positions, shape (k, n). `position`: position of the arm, shape (n,).
+
+        A path may pass a position twice, in opposite directions. Therefore the result is the
+        nearest position on a step in the arm's direction of motion. If this is farther away than
+        the nearest position of all by more than half a step, the result is the latter.
         """
         distances = np.abs(near - position).max(axis=1)
         nearest = int(np.argmin(distances))

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversion between the controller's joint convention and ROS: coupling, signs, offsets.
 
-FANUC and ABB define the third joint relative to the second one. As in ROS-Industrial, `j23_factor`
-times joint 2 is first added to joint 3 (FANUC's J23_factor; -1 for ABB). Each joint in ROS is then
-`sign` times the controller's value plus `offset`. The conversion to the controller is the exact
-inverse. Velocities are converted without the offset.
+FANUC and ABB define the third joint relative to the second one. Therefore, as in ROS-Industrial,
+`j23_factor` times joint 2 is first added to joint 3 (FANUC's J23_factor; -1 for ABB). Each joint
+in ROS is then `sign` times the controller's value, plus `offset`. The conversion to the controller
+is the exact inverse. Velocities are converted without the offset.
 """
 
 from collections.abc import Sequence
@@ -18,8 +18,7 @@ from epson_driver.inputs import choice, list_of, number
 from epson_driver.motion import Array
 
 SIGNS = list_of(choice(1, -1))
-OFFSETS = list_of(number(-1000.0, 1000.0))
-"""Valid range of the parameter joint_offsets, rad or m."""
+OFFSETS = list_of(number(-1000.0, 1000.0))  # valid range of the parameter joint_offsets, rad or m
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,23 +34,18 @@ class JointMapping:
 
     @cached_property
     def identity(self) -> bool:
-        """Whether the mapping is the identity, so values can be passed unchanged."""
         return not self.j23_factor and bool(np.all(self.signs == 1.0) and not self.offsets.any())
 
     def positions_to_ros(self, values: Array) -> Array:
-        """Convert the controller's positions to ROS."""
         return values if self.identity else self.velocities_to_ros(values) + self.offsets
 
     def velocities_to_ros(self, values: Array) -> Array:
-        """Convert the controller's velocities to ROS."""
         return values if self.identity else self.signs * self._coupled(values, self.j23_factor)
 
     def positions_to_controller(self, values: Array) -> Array:
-        """Convert ROS positions to the controller's."""
         return values if self.identity else self.velocities_to_controller(values - self.offsets)
 
     def velocities_to_controller(self, values: Array) -> Array:
-        """Convert ROS velocities to the controller's."""
         return values if self.identity else self._coupled(self.signs * values, -self.j23_factor)
 
     def _coupled(self, values: Array, factor: int) -> Array:
@@ -65,10 +59,7 @@ class JointMapping:
 def joint_mapping(
     joints: int, signs: Sequence[int], offsets: Sequence[float], j23_factor: int
 ) -> JointMapping:
-    """Return the mapping of joints between the controller and ROS, for the driver's parameters.
-
-    A single sign or offset applies to all joints. Raises ValueError if a parameter is invalid.
-    """
+    """Return the mapping for the parameters. A single sign or offset applies to all joints."""
     for name, values in (('joint_signs', signs), ('joint_offsets', offsets)):
         if len(values) not in (1, joints):
             raise ValueError(
@@ -86,5 +77,4 @@ def joint_mapping(
 
 
 def unmapped(joints: int) -> JointMapping:
-    """Return the identity mapping."""
     return JointMapping(np.ones(joints), np.zeros(joints))

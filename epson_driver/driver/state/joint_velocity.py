@@ -6,29 +6,25 @@ from collections import deque
 from collections.abc import Sequence
 
 VELOCITY_WINDOW_S = 0.04
-"""Time over which a velocity is averaged, s. The estimate lags by half this time. Over a single
-message period, jitter of the sender's program would dominate the result."""
+"""Time over which a velocity is averaged, s. The estimate lags by half this time. In an average
+over a single message period, the jitter of the sender's program would dominate."""
 
 Values = Sequence[float]
 
 
 class JointVelocity:
-    """Estimates joint velocities from the positions of the last VELOCITY_WINDOW_S.
-
-    Positions are in rad or m, times in s, velocities in rad/s or m/s.
-    """
+    """Estimates joint velocities from the positions of the last VELOCITY_WINDOW_S."""
 
     def __init__(self) -> None:
         self._history: deque[tuple[float, Values]] = deque()
         self._velocities: Values | None = None
 
     def measured(self, time: float, positions: Values, velocities: Values) -> None:
-        """Add joint positions with velocities that the controller measured."""
         self._add(time, positions)
         self._velocities = velocities
 
     def shift(self, since: float, shift: float) -> bool:
-        """Add `shift` to the times of all samples from `since` on. Return whether any exist."""
+        """Add `shift` to the times of all samples since `since`. Return whether any exist."""
         moved = []
         while self._history and self._history[-1][0] >= since:
             time, positions = self._history.pop()
@@ -39,10 +35,9 @@ class JointVelocity:
     def fitted(
         self, time: float, positions: Values, gap: float | None, elapsed: float
     ) -> Values | None:
-        """Add joint positions, and return the estimated velocities, or None for the first ones.
+        """Add joint positions, and return the estimated velocities, or None for the first sample.
 
-        `time`: sender's time of the positions, s. `gap`: `SenderClock.gap`, sender's time of a
-        late message, s, or None. `elapsed`: maximum time since the previous positions, s.
+        `time`, `gap`: as in SenderClock, s. `elapsed`: maximum time since the previous sample, s.
         """
         history = self._history
         self._add(time, positions)
@@ -60,7 +55,6 @@ class JointVelocity:
         return self._velocities
 
     def in_window(self) -> list[Values]:
-        """Return the positions in the window, the newest last."""
         return [positions for _, positions in self._history]
 
     def _add(self, time: float, positions: Values) -> None:
@@ -74,10 +68,7 @@ class JointVelocity:
         return next(entry for entry in self._history if entry[0] >= gap)
 
     def _closer_to_last(self, after_pause: Values, delayed: Values) -> Values:
-        """Return the estimate closer to the previous velocities.
-
-        `after_pause`: estimate if the sender paused. `delayed`: if a message was delayed.
-        """
+        """Return the estimate that is closer to the previous velocities."""
         previous = self._velocities
         if previous is None:
             return after_pause

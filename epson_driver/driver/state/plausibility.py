@@ -1,9 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Plausibility of reported joints: inside their ranges, and consistent with the velocity limits.
+"""Check whether reported joint values are plausible.
 
+Plausible values are inside the joints' ranges, and consistent with the velocity limits.
 Implausible values come from a wrong robot model, wrong units, a lost encoder or a damaged message.
-The arm's position is then unknown, so it must not be moved.
+The arm's position is then unknown, so the arm must not move.
 """
 
 from collections.abc import Sequence
@@ -12,32 +13,25 @@ from operator import ge, le, sub
 
 from epson_driver.motion import JointLimits
 
-MIN_JUMP = 0.05
-"""Change of position that is always plausible, rad or m: the motion during a time error of a few
-ms."""
+MIN_JUMP = 0.05  # always plausible, rad or m: the motion in a time error of a few ms
 
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """Tolerances for reported joint values beyond the joint limits.
+    """Tolerances for reported joint values beyond the joint limits."""
 
-    * `position`: distance beyond the range, rad or m. An operator can move a joint past its
-      software limits, up to the mechanical stops.
-    * `velocity`: maximum velocity, as a multiple of the velocity limit.
-    """
-
-    position: float = 0.1
-    velocity: float = 1.5
+    position: float = 0.1  # rad or m: by hand a joint reaches its mechanical stops
+    velocity: float = 1.5  # maximum velocity, as a multiple of the velocity limit
 
 
 DEFAULT_MARGINS = Margins()
 
 
 class JointBounds:
-    """Checks whether reported joint values are plausible. Without `limits` all values are.
+    """Checks whether reported joint values are plausible. Without `limits`, all values are.
 
-    Each check tests all joints together first, because it runs 200 times a second. It tests them
-    individually only if that fails.
+    A check runs 200 times a second, so it tests all joints together first. Only if this test fails
+    does it test each joint.
     """
 
     def __init__(self, joints: int, limits: JointLimits | None, margins: Margins) -> None:
@@ -53,15 +47,11 @@ class JointBounds:
         self.fastest = (limits.velocity * margins.velocity).tolist()
 
     def bounded(self, velocities: Sequence[float]) -> list[float]:
-        """Return velocities, rad/s or m/s, clipped to the joints' maximum."""
         pairs = zip(velocities, self.fastest, strict=True)
         return [min(max(value, -fastest), fastest) for value, fastest in pairs]
 
     def why_not_there(self, positions: Sequence[float]) -> str | None:
-        """Return why positions (rad or m) are impossible, or None if all are inside their ranges.
-
-        The text names the first joint outside its range.
-        """
+        """Return which position is outside its range plus the margin, or None."""
         if all(map(le, self._low, positions)) and all(map(ge, self._high, positions)):
             return None
         joint, low, value, high = next(
@@ -79,10 +69,7 @@ class JointBounds:
     def why_not_from(
         self, before: Sequence[float], positions: Sequence[float], elapsed: float
     ) -> str | None:
-        """Return why the joints cannot have moved from `before` to `positions`, or None.
-
-        Positions are in rad or m. `elapsed`: maximum time for this motion, s.
-        """
+        """Return why the joints cannot have moved so far in `elapsed` s, or None."""
         if max(map(abs, map(sub, positions, before))) <= MIN_JUMP:
             return None
         for joint, value in enumerate(positions):
@@ -97,7 +84,6 @@ class JointBounds:
         return None
 
     def why_not_so_fast(self, velocities: Sequence[float]) -> str | None:
-        """Return why velocities (rad/s or m/s) are impossible, or None if they are plausible."""
         if all(map(ge, self.fastest, map(abs, velocities))):
             return None
         for joint, value in enumerate(velocities):

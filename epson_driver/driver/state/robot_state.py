@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The newest state of the arm and its controller: joints, velocities, status, and their age."""
+"""The newest state of the arm and its controller: joints, velocities, status, and its age."""
 
 import math
 from collections import deque
@@ -19,23 +19,19 @@ from epson_driver.simple_message import Status, TriState
 
 
 class PauseDetector:
-    """Detects a pause from STATUS: motion was possible and now is not, without an error.
+    """Detects a pause of the controller: motion was possible and no longer is, without an error.
 
-    A controller that has never reported motion as possible does not report pauses either, and
-    never counts as paused.
+    The detection uses STATUS. A controller whose STATUS has never reported that motion is possible
+    does not report pauses either.
     """
 
     def __init__(self) -> None:
-        self.interrupted = False
-        """Whether the controller denies motion. The arm may still brake."""
-        self.paused = False
-        """Whether the controller denies motion and the arm is at rest."""
-        self.main_ended = False
-        """Whether the controller's program has ended: motion is denied with an error number."""
+        self.interrupted = False  # motion is denied, the arm may still brake
+        self.paused = False  # whether the controller denies motion and the arm is at rest
+        self.main_ended = False  # motion is denied with an error number
         self._was_possible = False
 
     def update(self, status: Status) -> None:
-        """Process the next status."""
         self._was_possible |= status.motion_possible == TriState.TRUE
         denied = (
             self._was_possible
@@ -48,63 +44,47 @@ class PauseDetector:
         self.main_ended = denied and is_at_rest and not self.interrupted
 
 
-MAX_ARRIVALS = 2048
-"""Maximum number of arrival times stored for diagnostics: two seconds at 1 kHz."""
-
-JOINT_MOVED = 1e-3
-"""Minimum change that counts as motion of a joint that the model lacks, rad or m."""
+MAX_ARRIVALS = 2048  # maximum number of arrival times stored for diagnostics: two seconds at 1 kHz
+JOINT_MOVED = 1e-3  # minimum change of a joint that the model lacks, rad or m
 
 MAX_POSE_AGE_S = 0.3
 MAX_POSE_AGE_SLOTS = 6
-"""Maximum age of the joint positions, in message periods, or MAX_POSE_AGE_S if that is longer.
-Older ones do not show where the arm is, so no motion may start. MAX_POSE_AGE_S allows network
-bursts of 0.2 s. The limit in periods is for controllers that send a few times a second."""
+"""Maximum age of joint positions, in message periods, or MAX_POSE_AGE_S if that is longer. Older
+positions do not show where the arm is, so no motion may start. MAX_POSE_AGE_S allows network
+bursts of 0.2 s. The limit in periods is for controllers that send only a few times a second."""
 
 CALM_MESSAGES = 10
-"""Number of messages after a late one whose joints may be outdated. A controller's program may be
-delayed between measuring the joints and sending them."""
+"""Number of messages after a late message whose joints may be outdated, because a controller's
+program may be delayed between measuring the joints and sending them."""
 
-DISTRUST_TIME_S = 1.0
-"""Time after an implausible joint state in which no motion may start, s."""
+DISTRUST_TIME_S = 1.0  # time after an implausible joint state in which no motion may start, s
 
 WITHHELD = 'the controller sends no joints while it moves the arm or cannot move it: '
 
 MAX_TIME_RESOLUTION_S = 0.0004
-"""Coarsest resolution of a controller's time stamps that are used, s: 1 % of the window in which
-velocities are estimated."""
+"""Coarsest resolution with which a controller's time stamps are used, s. It is 1 % of the window
+in which velocities are estimated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSample:
-    """Measured joints. Times are monotonic, s.
+    """Measured joints. Times are monotonic, s."""
 
-    * `positions`, `velocities`: shape (n,), rad and rad/s (or m and m/s).
-    * `time`: time of arrival.
-    * `measured`: estimated time of measurement plus the network's minimum delay (SenderClock).
-    """
-
-    time: float
-    positions: Array
-    velocities: Array
-    measured: float
+    time: float  # time of arrival
+    positions: Array  # shape (n,), rad or m
+    velocities: Array  # shape (n,), rad/s or m/s
+    measured: float  # estimated time of measurement plus the network's minimum delay (SenderClock)
 
 
 @dataclass(frozen=True, slots=True)
 class StateRules:
-    """Rules for the controller's state messages.
+    """Rules for the controller's state messages."""
 
-    * `period`: initial estimate of the time between two messages (joints or STATUS), s.
-    * `limits`: joint limits for the plausibility check; None: all values are accepted.
-    * `margins`: tolerances of this check.
-    * `timeout`: joints older than this are stale, however long the period is, s.
-    * `on_request`: the controller reports its state only on request, and not while the arm moves.
-    """
-
-    period: float = 0.005
-    limits: JointLimits | None = None
-    margins: Margins = DEFAULT_MARGINS
-    timeout: float = math.inf
-    on_request: bool = False
+    period: float = 0.005  # first estimate of the time between two messages, s
+    limits: JointLimits | None = None  # for the plausibility check; None: none
+    margins: Margins = DEFAULT_MARGINS  # tolerances of this check
+    timeout: float = math.inf  # joints older than this are stale, however long the period is, s
+    on_request: bool = False  # no state without a request, and none while the arm moves
 
 
 NO_RULES = StateRules()
@@ -116,10 +96,10 @@ class RobotState:
     The state is cleared when the link is lost, so that stale values cannot be mistaken for fresh
     ones (docs/invariants.md, 6).
 
-    * `joints`: number of joints. `errors`: texts of error numbers; None: EPSON's.
+    * `joints`: number of joints. `errors`: texts of error numbers, or None for EPSON's texts.
     * `mapping`: converts joint values of messages to those of `sample` (the ROS convention).
-    * `joints_unavailable`: returns whether the controller currently reports no joints, for example
-      while it moves the arm.
+    * `joints_unavailable`: function that returns whether the controller currently reports no
+      joints, for example because it moves the arm.
 
     `sample` is None until the joint velocities are known, because a single position does not show
     that the arm is at rest.
@@ -142,23 +122,21 @@ class RobotState:
         self.clear()
 
     def clear(self) -> None:
-        """Clear the state because the link is lost."""
         self.sample: JointSample | None = None
         self.status: Status | None = None
         self.status_time = 0.0
         self.status_measured = 0.0
-        """Estimated sending time of the newest status plus the network's minimum delay, s."""
+        """Estimated time at which the newest status was sent, plus the minimum delay, s."""
         self.arrivals: deque[float] = deque(maxlen=MAX_ARRIVALS)
-        """Arrival times of the last joint messages of this connection, the newest last."""
-        self.bounded = 0
-        """Number of velocity estimates that were clipped to the plausible maximum."""
+        """Arrival times of this connection's last joint messages, in order."""
+        self.bounded = 0  # number of velocity estimates that were clipped to the plausible maximum
         self._pause = PauseDetector()
         clock = RequestClock if self._rules.on_request else SenderClock
         self._clock: SenderClock | RequestClock = clock(self._rules.period)
         self._velocity = JointVelocity()
         self._before: Values | None = None
         self._others: Values | None = ()
-        """First positions of the joints that the model lacks. None: one of them has moved."""
+        """First positions of the joints that the model lacks. None: one of these has moved."""
         self._measured = 0.0
         self._received = self._calm_until = 0.0
         self._calm = CALM_MESSAGES
@@ -174,9 +152,8 @@ class RobotState:
     ) -> JointSample | None:
         """Process the ten joint values (`data`) of a message, and its measured velocities if any.
 
-        `time_stamp`: the controller's time stamp, s, if the message has one. Returns None for the
-        first joints of a connection, whose velocity is unknown. Raises ValueError if the values
-        are implausible, and ignores them.
+        Returns None for the first joint values of a connection, because their velocity is unknown.
+        Raises ValueError, and ignores the values, if they are implausible.
         """
         self._step(now, self._passed(time_stamp, now - self._measured + MAX_POSE_AGE_S))
         elapsed = longest = max(now - self._measured, self._clock.period)
@@ -204,7 +181,10 @@ class RobotState:
         return self.sample
 
     def moved_beyond_model(self, data: tuple[float, ...]) -> int | None:
-        """Return the number of a joint that moves but is not in the model, once; else None."""
+        """Return the number of a joint that moves but is not in the model, or None.
+
+        A number is returned only once.
+        """
         others = data[self._joints :]
         if self._others is None or others == self._others:
             return None
@@ -217,7 +197,6 @@ class RobotState:
         return None
 
     def on_status(self, status: Status, now: float) -> None:
-        """Process a STATUS message."""
         self._step(now, None)
         if self.joints_unavailable:  # the arm's motion during this time is unknown
             self._velocity = JointVelocity()
@@ -234,12 +213,11 @@ class RobotState:
 
     @property
     def paused(self) -> bool:
-        """Whether the controller no longer permits motion, but reports no error."""
+        """Whether the controller has stopped permitting motion, but reports no error."""
         return self._pause.interrupted
 
     @property
     def main_ended(self) -> bool:
-        """Whether the controller's program has ended, see `PauseDetector.main_ended`."""
         return self._pause.main_ended
 
     @property
@@ -248,7 +226,6 @@ class RobotState:
         return TriState.UNKNOWN if self.status is None else self.status.in_motion
 
     def why_not_ready(self, now: float) -> str | None:
-        """Return why the current position of the arm is unknown, or None if it is known."""
         if self._impossible is not None and now - self._impossible[0] < DISTRUST_TIME_S:
             return self._impossible[1]
         if self.sample is None:
@@ -260,11 +237,9 @@ class RobotState:
 
     @property
     def joints_unavailable(self) -> bool:
-        """Whether the controller currently reports no joints, for example during a motion."""
         return self._joints_unavailable()
 
     def stale(self, now: float) -> bool:
-        """Return whether the newest joints are outdated at `now`, or currently not reported."""
         usual = max(MAX_POSE_AGE_S, MAX_POSE_AGE_SLOTS * self._clock.period)
         max_age = min(usual, self._rules.timeout)
         if self.sample is None:
@@ -272,10 +247,7 @@ class RobotState:
         return self.joints_unavailable or now - self.sample.measured > max_age
 
     def why_not_at_rest(self, stopped_velocity: float) -> str | None:
-        """Return the evidence that the arm moves, or None if it is at rest.
-
-        `stopped_velocity`: velocity below which a joint counts as stopped, rad/s or m/s.
-        """
+        """Return the evidence that the arm moves, or None if it is at rest."""
         sample, bounds = self.sample, self._bounds
         if sample is None:
             return 'no joint state from the controller'
@@ -293,10 +265,7 @@ class RobotState:
         return None
 
     def _step(self, now: float, passed: float | None) -> None:
-        """Update the estimated clock of the controller with a message that arrived at `now`.
-
-        `passed`: time since the previous message by the controller's time stamps, s, or None.
-        """
+        """Update the clock with a message. `passed`: time since the last by the time stamps, s."""
         if self._received and now - self._received > (1 + LATE_SLOTS) * self._clock.period:
             if self._calm >= CALM_MESSAGES:
                 self._calm_until = self._received
@@ -310,12 +279,7 @@ class RobotState:
             self._measured += shift
 
     def _passed(self, time_stamp: float | None, longest: float) -> float | None:
-        """Return the time between the controller's last two time stamps, s.
-
-        Returns None if a time stamp is missing or too coarse (it is a float32), or if the
-        difference is implausible, for example because the unit is not s. `longest`: maximum
-        plausible difference, s.
-        """
+        """Return the time between the last two time stamps, s, or None if implausible."""
         before, self._time_stamp = self._time_stamp, time_stamp
         if time_stamp is None or before is None:
             return None
@@ -325,10 +289,7 @@ class RobotState:
         return passed if self._clock.period / 10 <= passed <= longest else None
 
     def _possible(self, data: tuple[float, ...], longest: float) -> Values:
-        """Return positions in the ROS convention. Raises ValueError if they are implausible.
-
-        `longest`: maximum time since the previous positions, s.
-        """
+        """Return positions in the ROS convention. Raises ValueError if they are implausible."""
         positions = _finite('position', data[: self._joints])
         if not self._mapping.identity:
             positions = self._mapping.positions_to_ros(np.array(positions)).tolist()
@@ -340,7 +301,6 @@ class RobotState:
         return positions
 
     def _possible_velocities(self, data: tuple[float, ...]) -> Values:
-        """Return velocities in the ROS convention. Raises ValueError if they are implausible."""
         velocities = _finite('velocity', data[: self._joints])
         if not self._mapping.identity:
             velocities = self._mapping.velocities_to_ros(np.array(velocities)).tolist()

@@ -21,34 +21,28 @@ FIRST_BLOCK_TIME_S = 0.05
 MIN_BLOCK_MESSAGES = 8
 MAX_BLOCKS = 8
 """Maximum number of blocks of an envelope. Each block contributes its least delayed message. A
-block has at least MIN_BLOCK_MESSAGES messages and lasts at least BLOCK_TIME_S, or only
-FIRST_BLOCK_TIME_S at first, because the configured period may be far off."""
+block has at least MIN_BLOCK_MESSAGES messages, and takes at least BLOCK_TIME_S. The first blocks
+take at least FIRST_BLOCK_TIME_S, because the configured period may be far off."""
 
-MIN_LINE_POINTS = 3
-"""Minimum number of envelope points to which a line is fitted."""
-
-MIN_ENVELOPE_S = 0.75
-"""Minimum length of an envelope that determines the period, s. A shorter one only gives bounds."""
+MIN_LINE_POINTS = 3  # minimum number of envelope points to which a line is fitted
+MIN_ENVELOPE_S = 0.75  # minimum envelope for a period, s. A shorter one only gives bounds
 
 SAME_PERIOD_FRACTION = 0.05
 PERIOD_FILTER_DIVISOR = 4
 MIN_DOUBTS = 8
-"""Number of successive estimates that must differ from a confirmed period before it is replaced.
-This takes 2 s, because a stalled program causes many wrong estimates. If an estimate is within
-SAME_PERIOD_FRACTION of the period, 1/PERIOD_FILTER_DIVISOR of the difference is added instead."""
+"""Number of successive estimates that must differ from a confirmed period before the period is
+replaced. This takes 2 s, because a stalled program causes many wrong estimates. An estimate that
+differs by at most SAME_PERIOD_FRACTION only corrects the period, by 1/PERIOD_FILTER_DIVISOR of the
+difference."""
 
-LATE_SLOTS = 3
-"""Delay above which a message counts as late, in slots (message periods)."""
-
-DECISION_SLOTS = 4
-"""Number of slots after a late message until the spacing of the next messages is evaluated."""
+LATE_SLOTS = 3  # delay above which a message counts as late, in slots (message periods)
+DECISION_SLOTS = 4  # slots from a late message to the next evaluated spacing
 
 MAX_PAUSES = 4
 """Maximum number of successive pauses with fewer than MIN_LINE_POINTS envelope points between
-them. If it is exceeded, the assumed period is wrong."""
+them. If there are more, the assumed period is wrong."""
 
-MIN_SPACING_S = 1e-6
-"""Minimum time between two messages, s: ROS time stamps must differ."""
+MIN_SPACING_S = 1e-6  # minimum time between two messages, s, because ROS time stamps must differ
 
 Point = tuple[float, float, float]
 """Envelope point: counted slots, arrival, and arrival minus the sender's time."""
@@ -57,14 +51,14 @@ Point = tuple[float, float, float]
 class SenderClock:
     """Clock of the sender of one message stream. Times are in s.
 
-    Call `step` for each message, in order. `time` is the sender's time of the newest message, from
-    an arbitrary origin. `measured` is the same time on the receiver's clock, never later than the
-    arrival.
+    Call `step` for each message, in order. `time` is the time at which the newest message was
+    sent, on the sender's clock, whose origin is arbitrary. `measured` is the same time on the
+    receiver's clock. It is never later than the arrival.
 
-    A late message was either delayed in transit or preceded by a sender pause. The following
-    messages distinguish the two: messages delayed together arrive in a burst, whereas after a
-    pause they arrive one period apart. Until this is decided, `gap` is the sender's time of the
-    late message, assuming no pause.
+    A late message was either delayed on the network, or sent late because the sender paused. The
+    following messages show which of the two happened: after a network delay they arrive in a
+    burst, and after a pause they arrive one period apart. Until this is known, `gap` is the time
+    on the sender's clock at which the late message was sent if the sender did not pause.
     """
 
     def __init__(self, period: float) -> None:
@@ -87,11 +81,10 @@ class SenderClock:
         self._first_pause = (0.0, 0.0)
 
     def step(self, arrival: float, reported: float | None = None) -> float:
-        """Process the next message, which arrived at `arrival`.
+        """Process a message. Return the duration of a pause that it reveals, s, or 0.
 
-        `reported`: time since the previous message by the sender's time stamps, s, or None.
-        Returns the length of a sender pause that was detected just now, s, else 0. The messages
-        since `gap` were sent later by this time than first assumed.
+        `reported`: time since the last message by the sender's time stamps, s. After a pause, the
+        messages since `gap` were sent later than first assumed, by the duration of the pause.
         """
         if self._arrival is None:
             self._arrival = self.measured = self._offset = arrival
@@ -118,10 +111,11 @@ class SenderClock:
         return shift
 
     def _after_gap(self, arrival: float, tolerance: float, again: bool) -> float:
-        """Evaluate a message after a late one, and return the length of the sender's pause.
+        """Decide from a message after a late one whether the sender paused.
 
-        Returns 0 if the sender has not paused, or if this is not decided. `again`: the spacing
-        before this message is also too long, so the two messages were not delayed together.
+        Returns the duration of the pause, or 0 if the sender did not pause or this is still
+        undecided. `again`: the spacing before this message is also too long, so the two messages
+        were not delayed together.
         """
         late = arrival - self._offset - self.time
         since = self.time - (self.gap or 0.0)
@@ -145,7 +139,7 @@ class SenderClock:
         return 0.0
 
     def _count_pause(self, arrival: float) -> None:
-        """Count a pause, and estimate a new period after more than MAX_PAUSES in a row."""
+        """Count a pause. After more than MAX_PAUSES in a row, estimate a new period."""
         if self._proven or len(self._envelope) >= MIN_LINE_POINTS:
             self._pauses = 0
         if not self._pauses:
@@ -162,7 +156,6 @@ class SenderClock:
         self._block_size = 0
 
     def _add_to_block(self, arrival: float) -> None:
-        """Add a message to the current block, and a complete block to the envelope."""
         self._block_size += 1
         offset = arrival - self.time
         if offset <= self._least[2]:
@@ -174,7 +167,7 @@ class SenderClock:
             self._start_block(arrival)
 
     def _fit_envelope(self) -> None:
-        """Fit a line to the envelope. Its slope is the period, and its height the offset."""
+        """Fit a line to the envelope. Its slope is the period, and its height is the offset."""
         envelope = self._envelope
         size = len(envelope)
         length = envelope[-1][1] - envelope[0][1]
@@ -198,7 +191,6 @@ class SenderClock:
         self._offset = now + min(point[1] - point[0] * self.period for point in envelope)
 
     def _set_period(self, period: float) -> None:
-        """Update the period from an envelope of at least MIN_ENVELOPE_S."""
         change = period - self.period
         if not self._proven:
             self.period = period
@@ -214,11 +206,7 @@ class SenderClock:
 
 
 class RequestClock:
-    """Replaces SenderClock for a controller that sends its state only on request.
-
-    The arrival time of a reply counts as its measurement time. `period`: the configured period, or
-    the time between the last two replies if longer, s.
-    """
+    """SenderClock for a state that is sent only on request. It counts as measured on arrival."""
 
     gap: float | None = None
 
@@ -231,7 +219,7 @@ class RequestClock:
     def step(self, arrival: float, _reported: float | None = None) -> float:
         """Process a message. Returns 0, because earlier times need no correction."""
         spacing = arrival - self.measured
-        if self.measured and spacing > self._usual / 2.0:  # not two replies to one request
+        if self.measured and spacing > self._usual / 2.0:  # less: two replies to one request
             self.period = max(self._usual, spacing)
         self.time = self.measured = arrival
         return 0.0

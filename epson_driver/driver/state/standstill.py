@@ -10,19 +10,17 @@ from epson_driver.motion import Array
 from epson_driver.simple_message import TriState
 
 REST_TIME_S = 0.05
-"""Standstill after which the arm counts as at rest, s. It is longer than VELOCITY_WINDOW_S, in
-which velocities are estimated."""
+"""Duration of a standstill after which the arm counts as at rest, s. It is longer than
+VELOCITY_WINDOW_S, the window in which velocities are estimated."""
 
 UNCONFIRMED_REST_TIME_S = 1.0
-"""Standstill after which the arm counts as at rest if the controller has not acknowledged STOP, s.
-The controller may still execute earlier points."""
+"""The same if the controller has not acknowledged STOP, s. It is longer, because the controller
+may still execute earlier points."""
 
 UNREPORTED_REST_TIME_S = 0.2
-"""Standstill after which the arm counts as at rest at a goal if the controller does not report
-whether the arm moves, s."""
+"""The same for an arm at a goal if the controller does not report whether the arm moves, s."""
 
-MIN_MOVEMENT_RAD = 1e-4
-"""Minimum change of position that counts as motion, rad. The resolution of encoders is finer."""
+MIN_MOVEMENT_RAD = 1e-4  # minimum change that counts as motion. Encoders are finer
 
 
 class Standstill:
@@ -31,8 +29,8 @@ class Standstill:
     Only the measurement times of joints and status are used, not their arrival times. Otherwise a
     delayed sample from before the motion could count as standstill after it.
 
-    The controller must also report rest, but a STATUS is less frequent than joints. Up to
-    REST_TIME_S of the standstill before that report counts.
+    The controller must also report that the arm is at rest. Because STATUS is less frequent than
+    joint states, a standstill counts from up to REST_TIME_S before this report.
 
     `alive` is the time of the last motion. The owner also updates it when the controller replies.
     """
@@ -44,26 +42,20 @@ class Standstill:
         self._rest = REST_TIME_S
         self._still: float | None = None
         self._since: float | None = None
+        self._reported: float | None = None
         self._rest_position: Array = np.zeros(0)
 
     def expect(self, after: float | None, rest: float = REST_TIME_S) -> None:
-        """Restart the detection. Only samples measured later than `after` count.
-
-        `after`: None excludes all samples. `rest`: required standstill, s.
-        """
+        """Restart the detection with samples measured after `after`. None: no sample counts."""
         self._after = after
         self._rest = rest
         self._still = self._since = None
 
     def expect_rest(self, rest: float) -> None:
-        """Change the required standstill, s. A standstill in progress continues."""
+        """Change the required duration of the standstill, s. A current standstill continues."""
         self._rest = rest
 
     def update(self, sample: JointSample, robot: RobotState, stopped: Array, now: float) -> None:
-        """Process a sample, and the status of `robot`.
-
-        `stopped`: velocities below which the joints count as stopped, shape (n,), rad/s.
-        """
         last = self._last_position
         if last is None or np.abs(sample.positions - last).max() > MIN_MOVEMENT_RAD:
             self._last_position = sample.positions
@@ -84,11 +76,24 @@ class Standstill:
             ):
                 self._since = max(self._still, sample.measured - REST_TIME_S)
                 self._rest_position = sample.positions
+            reported = robot.status_measured
+            if robot.in_motion == TriState.FALSE and reported < sample.measured:
+                self._reported = reported
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether the arm was standing still in the last sample, for any duration."""
+        """Whether the arm did not move in the last sample, regardless of the duration."""
         return self._since is not None
+
+    @property
+    def is_reported(self) -> bool:
+        """Whether the controller has reported rest for this standstill, and joints followed.
+
+        Estimated velocities show a standstill late, by up to VELOCITY_WINDOW_S.
+        """
+        if self._since is None or self._still is None or self._reported is None:
+            return False
+        return self._reported > self._still - VELOCITY_WINDOW_S
 
     def reached(self, now: float) -> bool:
         """Return whether the arm has been at rest long enough. `now`: newest `measured` time."""

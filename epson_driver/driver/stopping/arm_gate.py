@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterator
 
 from epson_driver.driver.inhibit import Inhibit
 
-DISABLED = 'disabled on request'
-"""Reason for a gate that was closed by the `disable` command."""
+DISABLED = 'disabled on request'  # reason for a gate that was closed by the `disable` command
 
 
 class GateError(RuntimeError):
@@ -16,21 +15,18 @@ class GateError(RuntimeError):
 
 
 class EnableRequest:
-    """A pending request to open the gate.
+    """A pending request to open the gate. `canceled`: why it is no longer valid, or None.
 
-    `canceled`: the first reason to close the gate since the request started, or None if the
-    request is still valid. `motors_on`: the motors have been reported on since the request
-    started. If they go off, the request is canceled.
+    `motors_on`: the motors have been reported on since the request was made. If they go off, the
+    request is canceled.
     """
 
     def __init__(self, motors_on: bool) -> None:
         self.canceled: str | None = None
         self.motors_on = motors_on
-        self.on_cancel: Callable[[], object] = lambda: None
-        """Called when the request is canceled."""
+        self.on_cancel: Callable[[], object] = lambda: None  # called when the request is canceled
 
     def cancel(self, why: str) -> None:
-        """Cancel the request, for a reason to close the gate."""
         if self.canceled is None:
             self.canceled = why
             self.on_cancel()
@@ -48,21 +44,15 @@ class ArmGate:
         self._reason: str | None = 'not enabled since the driver started'
         self._unexplained = False
         self._requests: list[EnableRequest] = []
-        self.refusal: Inhibit | None = None
-        """Why the controller refused the last attempt to enable the arm, or None."""
+        self.refusal: Inhibit | None = None  # of the last attempt to enable the arm
 
     @property
     def reason(self) -> str | None:
-        """Why the gate is closed, or None while it is open."""
         return self._reason
 
     @contextlib.contextmanager
     def enabling(self, *, motors_on: bool = False) -> Iterator[EnableRequest]:
-        """Register a request to open the gate for the duration of the `with` block.
-
-        `motors_on`: initial value of `EnableRequest.motors_on`. While it is False, motors that are
-        off do not cancel the request, because the request is expected to switch them on.
-        """
+        """Register a request to open the gate. `motors_on`: cancel it if the motors go off."""
         request = EnableRequest(motors_on)
         self._requests.append(request)
         try:
@@ -71,7 +61,6 @@ class ArmGate:
             self._requests.remove(request)
 
     def open(self, request: EnableRequest) -> None:
-        """Open the gate. Raises GateError if the request is canceled or no longer registered."""
         if request.canceled is not None:
             raise GateError(request.canceled)
         if request not in self._requests:
@@ -82,9 +71,8 @@ class ArmGate:
     def close(self, reason: str, *, motors_off: bool = False, unexplained: bool = False) -> bool:
         """Close the gate, cancel pending requests, and return whether the gate was open.
 
-        A closed gate keeps its first reason. `motors_off`: the only reason is that the motors are
-        off, which cancels only requests with `motors_on`. `unexplained`: the controller has not
-        reported the cause yet. The next reason is then appended to this one.
+        `motors_off`: the motors are off, and there is no other reason. This only cancels requests
+        with `motors_on`. `unexplained`: the next reason is appended to this reason.
         """
         for request in list(self._requests):
             if request.motors_on or not motors_off:

@@ -5,10 +5,11 @@
 The profile selects the method (`program.motors`, docs/controllers.md):
 
 * remote_ethernet: EPSON's Remote Ethernet commands, if a `remote_port` is configured;
-* restart: the same commands, but the controller's program is stopped before them and restarted
-  after the motors are on. Controllers that run a program accept the commands only while it is
-  stopped;
+* restart: the same commands, for a controller that runs a program. It accepts the commands only
+  while its program is stopped, so the program is stopped before them, and restarted when the
+  motors are on;
 * motoman: Motoman's commands on the motion port;
+* rtmc: requests of Real-time Motion Control;
 * none: an operator switches the motors.
 """
 
@@ -21,34 +22,29 @@ from typing import Literal, Protocol
 
 from epson_driver.driver.delivery.reply_rejection import RESULTS, reply_rejection
 from epson_driver.link import Link
+from epson_driver.link.rtmc_link import RtmcLink
 from epson_driver.remote_ethernet.answers import ask_control_device, ask_flags
 from epson_driver.remote_ethernet.client import Ask, Login, RemoteError, RemoteTurns, logged_in
+from epson_driver.rtmc.session import RefusedError
 from epson_driver.simple_message import MotionCtrl, Packet
 from epson_driver.simple_message.motoman import Command, Result
 
 _log = logging.getLogger(__name__)
 
-MotorsKind = Literal['none', 'remote_ethernet', 'restart', 'motoman']
+MotorsKind = Literal['none', 'remote_ethernet', 'restart', 'motoman', 'rtmc']
 
-READY_PERIOD_S = 0.05
-"""Period for polling whether a controller is Ready, s."""
-
-READY_FRACTION = 0.75
-"""Fraction of an action's timeout within which the controller must become Ready."""
+READY_PERIOD_S = 0.05  # period for polling whether a controller is Ready, s
+READY_FRACTION = 0.75  # fraction of an action's timeout for becoming Ready
 
 
 @dataclass(frozen=True, slots=True)
 class Commands:
-    """The commands of an action, by protocol, and the instruction for an operator."""
-
     remote_ethernet: str
     motoman: Command
     by_hand: str
 
 
 class Action(Enum):
-    """An action on the controller. Its value contains the commands."""
-
     MOTORS_ON = Commands(
         'SetMotorsOn,1', Command.START_SERVOS, 'switch the motors on at the controller'
     )
@@ -62,18 +58,13 @@ MOTOMAN_CHECKS = (
     'the controller reports no cause: check whether a safeguard door is open, an E-stop is '
     'pressed, or the pendant shows an alarm, or is not in REMOTE mode'
 )
-"""Instruction for the operator if the servos of a Motoman cannot be switched on."""
+"""Text for the operator if the servos of a Motoman cannot be switched on."""
 
-ControllerStatus = tuple[tuple[str, ...], int, int | None]
-"""Flags, error number and control device, as reported over Remote Ethernet."""
+ControllerStatus = tuple[tuple[str, ...], int, int | None]  # flags, error, control device
 
 
 class MotorsError(RuntimeError):
-    """Raised if an action fails. The text contains the reason and a remedy for the operator.
-
-    `unanswered`: the controller may still execute the command. `status`: status of a controller
-    that refused the command, or None.
-    """
+    """Raised if an action fails. `unanswered`: the controller may still execute the command."""
 
     def __init__(
         self, text: str, *, unanswered: bool = False, status: ControllerStatus | None = None
@@ -86,8 +77,8 @@ class MotorsError(RuntimeError):
 class Motors(Protocol):
     """Interface for switching the motors.
 
-    `missing`: why the driver cannot switch the motors, or ''. `restarts`: switching the motors on
-    also restarts the controller's program.
+    * `missing`: why the driver cannot switch the motors, or ''.
+    * `restarts`: whether the controller's program is restarted when the motors are switched on.
     """
 
     missing: str
@@ -101,23 +92,46 @@ class Motors(Protocol):
 
 
 class MotorsByHand:
-    """Motors that only an operator can switch. All actions fail."""
-
     restarts = False
 
     def __init__(self, missing: str) -> None:
         self.missing = missing
 
     async def act(self, action: Action, timeout: float) -> None:
-        """Raise MotorsError."""
-        raise MotorsError(f'{self.missing}, the driver cannot do it: {action.value.by_hand}')
+        raise MotorsError(f'{self.missing}, so {action.value.by_hand}')
+
+    async def status(self, timeout: float) -> ControllerStatus | None:
+        """Return None."""
+
+
+class RtmcMotors:
+    """Switches the motors by Real-time Motion Control, and the power to high with them."""
+
+    missing = ''
+    restarts = False
+
+    def __init__(self, link: RtmcLink) -> None:
+        self._link = link
+
+    async def act(self, action: Action, timeout: float) -> None:
+        try:
+            async with asyncio.timeout(timeout):
+                if action is Action.RESET:
+                    await self._link.reset()
+                else:
+                    await self._link.switch_motors(action is Action.MOTORS_ON)
+        except (RefusedError, OSError, TimeoutError) as error:
+            raise MotorsError(
+                str(error) or f'no reply: {action.value.by_hand}',
+                unanswered=isinstance(error, TimeoutError),
+            ) from error
 
     async def status(self, timeout: float) -> ControllerStatus | None:
         """Return None."""
 
 
 class RemoteEthernetMotors:
-    """Switches the motors over EPSON's Remote Ethernet, with priority over other requests."""
+    """Switches the motors over EPSON's Remote Ethernet. This has priority over other requests."""
 
     missing = ''
     restarts = False
@@ -134,7 +148,6 @@ class RemoteEthernetMotors:
         self._turns = turns or RemoteTurns()
 
     async def act(self, action: Action, timeout: float) -> None:
-        """Log in and send the command. Raises MotorsError if it fails."""
         failed: Exception | None = None
         status: ControllerStatus | None = None
         try:
@@ -155,8 +168,6 @@ class RemoteEthernetMotors:
             ) from failed
 
     async def status(self, timeout: float) -> ControllerStatus | None:
-        """Return the controller's status, or None if the port is in use or does not reply."""
-
         async def query() -> ControllerStatus:
             async with self._login(timeout) as ask:
                 return await self._query(ask)
@@ -199,8 +210,6 @@ class RestartingMotors(RemoteEthernetMotors):
 
 
 class MotomanMotors:
-    """Switches the motors with Motoman's MOTION_CTRL requests on the motion link."""
-
     missing = ''
     restarts = False
 
@@ -208,7 +217,6 @@ class MotomanMotors:
         self._link = link
 
     async def act(self, action: Action, timeout: float) -> None:
-        """Send the command and wait for its MOTION_REPLY. Raises MotorsError if it fails."""
         commands = action.value
         answer: asyncio.Future[Packet] = asyncio.get_running_loop().create_future()
 
@@ -241,15 +249,14 @@ class MotomanMotors:
 class SerializedMotors:
     """Executes the commands to another `Motors` object one after the other.
 
-    The last command therefore determines the final state. Cancelling a caller drops a command that
-    is still queued, but not a command that has already been sent.
+    Therefore the last command determines the final state. If a caller is cancelled, its command is
+    dropped while it is queued, but not after it has been sent.
     """
 
     def __init__(self, motors: Motors) -> None:
         self.missing = motors.missing
         self.restarts = motors.restarts
-        self.may_come_on = False
-        """True if a command to switch the motors on had no reply and may still take effect."""
+        self.may_come_on = False  # a command to switch them on had no reply
         self._motors = motors
         self._lock = asyncio.Lock()
         self._active: asyncio.Task[None] | None = None
@@ -257,14 +264,10 @@ class SerializedMotors:
 
     @property
     def busy(self) -> bool:
-        """True while a command is being executed or queued."""
         return bool(self._tasks)
 
     async def act(self, action: Action, timeout: float) -> None:
-        """Execute an action after all earlier ones. Raises MotorsError if it fails.
-
-        `timeout`, s, starts when the earlier actions are complete.
-        """
+        """Execute an action after all earlier actions. Then the `timeout`, s, starts."""
         task = asyncio.create_task(self._act(action, timeout))
         self._tasks[task] = None
         task.add_done_callback(self._done)
@@ -279,7 +282,6 @@ class SerializedMotors:
             raise
 
     async def status(self, timeout: float) -> ControllerStatus | None:
-        """Return the controller's status without waiting for queued commands."""
         return await self._motors.status(timeout)
 
     async def close(self) -> None:

@@ -8,16 +8,17 @@ Rules (docs/invariants.md, 3 and 9):
    may still have points of this driver to execute. After STOP no new motion starts before the stop
    is over.
 2. A stop is over when the arm has been at rest for REST_TIME_S after STOP was acknowledged.
-   Without an acknowledgement the arm must have been at rest for UNCONFIRMED_REST_TIME_S and, if a
-   reply is still possible, for the reply timeout.
+   Without an acknowledgement, the arm must have been at rest for UNCONFIRMED_REST_TIME_S. If a
+   reply can still arrive, it must also have been at rest for the reply timeout.
 3. The alarm is raised if STOP is rejected, if its reply is late, or if the arm does not come to
    rest in time. The owner then closes the arm gate. While the arm still moves, STOP is repeated,
-   and the motors are switched off if the driver can do that.
+   and the motors are switched off if the driver can do that. A failed attempt is repeated, even if
+   it has brought the arm to rest, until the motors are off or the arm is to be enabled again.
 4. A controller that has switched off the motors, for example because of an E-stop, need not accept
    STOP. Only an arm that keeps moving then raises the alarm.
-5. A controller that may still have points when a client connects receives STOP first
-   (`may_resume`). The points may be from this driver or, on controllers that keep points, from an
-   earlier client.
+5. If a controller may still have points when a client connects, it receives STOP first
+   (`may_resume`). These points may be from this driver or, on controllers that keep points, from
+   an earlier client.
 6. If the arm moves without a motion of this driver, for example because an operator jogs it, STOP
    is not repeated, and the motors are not switched off.
 """
@@ -31,31 +32,19 @@ import numpy as np
 
 from epson_driver.driver.delivery.delivery import Delivery, OnReply
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
-from epson_driver.driver.delivery.trajectory_points import STOP
+from epson_driver.driver.delivery.streaming import STOP
 from epson_driver.driver.state.robot_state import RobotState
 from epson_driver.driver.state.standstill import REST_TIME_S, UNCONFIRMED_REST_TIME_S, Standstill
 from epson_driver.driver.stopping.motors import Action, Motors, MotorsError
 from epson_driver.driver.tasks import Notification, report_task_error
 from epson_driver.simple_message import Message, Packet, TriState
 
-ANSWER_TIMEOUT_S = 1.0
-"""Reply timeout of STOP, s. If it expires, the alarm is raised."""
-
-BRAKING_TIMEOUT_S = 2.0
-"""Maximum time from STOP until the arm is at rest, s. If it expires, the alarm is raised."""
-
-STOP_REPEAT_PERIOD_S = 0.3
-"""Period for repeating STOP while the arm moves in spite of it, s."""
-
-MOTORS_OFF_DELAY_S = 0.5
-"""Time from the alarm until the motors of a moving arm are switched off, s. An arm that brakes
-for another reason, such as an E-stop, is at rest within this time."""
-
-MOTORS_OFF_TIMEOUT_S = 2.0
-"""Time for the controller to switch the motors off before the command is repeated, s."""
-
-CAUSE_TIMEOUT_S = 0.1
-"""Maximum wait for the STATUS with the reason for a refused STOP, s."""
+ANSWER_TIMEOUT_S = 1.0  # maximum wait for the reply to STOP before the alarm is raised, s
+BRAKING_TIMEOUT_S = 2.0  # maximum time from STOP to rest before the alarm is raised, s
+STOP_REPEAT_PERIOD_S = 0.3  # period for repeating STOP while the arm moves in spite of it, s
+MOTORS_OFF_DELAY_S = 0.5  # wait from the alarm to motors off, s. An E-stop stops the arm sooner
+MOTORS_OFF_TIMEOUT_S = 2.0  # maximum duration of one attempt to switch the motors off, s
+CAUSE_TIMEOUT_S = 0.1  # maximum wait for the STATUS with the reason for a refused STOP, s
 
 CHECK_PERIOD_S = 0.1
 """Period for checking a pending stop, s. Timeouts count checks, so time in which this process was
@@ -70,7 +59,7 @@ class Stopper:
     Times are the event loop's, s. Callbacks:
 
     * `before_point`: called before each point. It may raise ConnectionError to prevent sending.
-    * `on_alarm(why, unanswered)`: called for each failed stop. `unanswered`: STOP has no reply.
+    * `on_alarm(why, unanswered)`: called when a stop fails. `unanswered`: STOP has no reply yet.
     * `on_rest`: called when a stop is over.
     """
 
@@ -84,10 +73,8 @@ class Stopper:
         on_rest: Callable[[], None],
         before_point: Callable[[], None] = lambda: None,
     ) -> None:
-        self.stopped_velocity = 0.01
-        """Velocity below which a joint counts as stopped, rad/s."""
-        self.alarm: str | None = None
-        """Why the last stop failed. None if it did not, or after the arm was enabled again."""
+        self.stopped_velocity = 0.01  # velocity below which a joint counts as stopped, rad/s
+        self.alarm: str | None = None  # why the last stop failed, until the arm is enabled
         self.delivery = delivery
         self._robot = robot
         self._changed = changed
@@ -108,9 +95,9 @@ class Stopper:
         self._timer: asyncio.TimerHandle | None = None
         self._checks = 0
         self._switching: asyncio.Task[None] | None = None
+        self._keep_switching = False
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a point or STOP. Raises ConnectionError if no link is available."""
         if message == STOP:
             self._post_stop(on_reply)
         else:
@@ -120,7 +107,6 @@ class Stopper:
 
     @property
     def over(self) -> bool:
-        """True while no stop is pending."""
         return self._since is None
 
     @property
@@ -130,17 +116,15 @@ class Stopper:
 
     @property
     def may_resume(self) -> bool:
-        """True if the controller may execute earlier points when a client connects."""
+        """True if the controller may resume earlier points when a client connects."""
         return self.delivery.keeps_points or self._ours or not self.over
 
     @property
     def may_have_old_points(self) -> bool:
-        """True if the controller keeps points and the last stop is unconfirmed (see `doubt`)."""
         return self.delivery.keeps_points and self.doubt is not None
 
     @property
     def answered(self) -> bool:
-        """True if the controller has replied to the last STOP, with SUCCESS or FAILURE."""
         return self._acknowledged or self._rejection is not None
 
     @property
@@ -150,15 +134,11 @@ class Stopper:
 
     @property
     def unsent(self) -> bool:
-        """True if no link was available for the last STOP."""
         return self._unsent is not None
 
     @property
     def doubt(self) -> str | None:
-        """Why the last stop is unconfirmed, or None if it is confirmed.
-
-        A stop is confirmed if STOP was acknowledged, never rejected, and the arm came to rest.
-        """
+        """Why the reply to STOP and the joint state do not confirm the last stop, or None."""
         if self._unsent is not None and not self._acknowledged:
             return f'STOP could not be sent: {self._unsent}'
         if self._rejection is not None:
@@ -173,7 +153,6 @@ class Stopper:
 
     @property
     def arm_state(self) -> str:
-        """Text that describes whether the arm is moving or at rest."""
         if self._no_joints:
             return 'no joint state shows whether the arm is at rest'
         return 'the arm is still moving' if self._moves() else 'the arm is at rest'
@@ -183,12 +162,11 @@ class Stopper:
         return self._robot.sample is None or self._robot.joints_unavailable
 
     def stop(self) -> None:
-        """Send STOP and supervise it. If it cannot be sent, `doubt` contains the reason."""
+        """Send STOP and supervise the stop. If STOP cannot be sent, `doubt` is the reason."""
         with contextlib.suppress(ConnectionError):
             self._post_stop(lambda _packet, _now: None)
 
     async def wait(self, timeout: float) -> bool:
-        """Wait up to `timeout` s for the pending stop, and return whether it is over."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout):
                 while not self.over:
@@ -196,7 +174,6 @@ class Stopper:
         return self.over
 
     def raise_alarm(self, why: str) -> None:
-        """Raise the alarm for the pending stop, unless it is already raised."""
         if self._since is not None and self._alarm_since is None:
             self._alarm_since = _now()
             self.alarm = why
@@ -206,17 +183,18 @@ class Stopper:
         """Record that all points are executed, because a goal succeeded or a stream ended."""
         self._ours = False
 
+    def enabling(self) -> None:
+        """End the attempts to switch the motors off, unless the arm still moves."""
+        self._keep_switching = False
+
     def enabled(self) -> None:
-        """Clear the alarm because the arm was enabled."""
         self.alarm = None
 
     def link_lost(self) -> None:
-        """Record that no reply to a pending STOP can arrive, because the motion link is lost."""
         if self._since is not None and not self.answered and self._unsent is None:
             self._not_sent('the motion link was lost')
 
     def update(self, now: float) -> None:
-        """Check whether the arm is at rest, after new joints or a new status."""
         sample = self._robot.sample
         if self._since is None or sample is None:
             return
@@ -230,7 +208,6 @@ class Stopper:
             self._end(now)
 
     async def close(self) -> None:
-        """Stop the supervision after the links are closed."""
         self._since = None
         self._stop_polling()
         if self._switching is not None:
@@ -238,10 +215,7 @@ class Stopper:
             await asyncio.gather(self._switching, return_exceptions=True)
 
     async def motors_off(self, timeout: float) -> None:
-        """Switch the motors off within `timeout` s if the arm moves in spite of STOP.
-
-        A failure is logged.
-        """
+        """Try once to switch the motors off if the arm moves in spite of STOP."""
         if not self.over and self._ours and self._moves():
             await self._switch_off(timeout)
 
@@ -253,7 +227,7 @@ class Stopper:
             self._acknowledged = False
             self._rejection = None
             self._standstill = Standstill(now)
-            # not before the reply is overdue: after a network delay the state may arrive first
+            # wait until the reply is overdue, because after a network delay the state may be first
             self._standstill.expect(now, max(UNCONFIRMED_REST_TIME_S, ANSWER_TIMEOUT_S))
             self._stop_polling()
             self._checks = 0
@@ -310,7 +284,6 @@ class Stopper:
             self._timer = None
 
     def _check(self) -> None:
-        """Raise the alarm if the stop takes too long, and repeat STOP or switch the motors off."""
         if self._since is None:
             return
         now = _now()
@@ -337,10 +310,17 @@ class Stopper:
             and not self._motors.missing
             and (self._switching is None or self._switching.done())
         ):
-            self._switching = asyncio.create_task(self._switch_off(MOTORS_OFF_TIMEOUT_S))
+            self._switching = asyncio.create_task(self._keep_switching_off())
             self._switching.add_done_callback(report_task_error)
 
-    async def _switch_off(self, timeout: float) -> None:
+    async def _keep_switching_off(self) -> None:
+        self._keep_switching = True
+        while not await self._switch_off(MOTORS_OFF_TIMEOUT_S):
+            await asyncio.sleep(CHECK_PERIOD_S)
+            if not (self._keep_switching and self._powered()):
+                return  # `_check` tries again if the arm moves
+
+    async def _switch_off(self, timeout: float) -> bool:
         try:
             await self._motors.act(Action.MOTORS_OFF, timeout)
         except MotorsError as error:
@@ -348,8 +328,9 @@ class Stopper:
             if text != self._reported:
                 _log.error(text)
             self._reported = text
-        else:
-            _log.error('arm still moving after STOP: motors switched off')
+            return False
+        _log.error('the arm moved in spite of STOP: motors switched off')
+        return True
 
     def _powered(self) -> bool:
         """Return False if STATUS reports that the motors are off, else True."""

@@ -11,7 +11,7 @@ def solve_tridiagonal(below: Array, main: Array, above: Array, right: Array) -> 
     """Solve below[i] x[i - 1] + main[i] x[i] + above[i] x[i + 1] = right[i] for x.
 
     All arrays have shape (k, n), for n systems of k equations. below[0] and above[-1] must be 0,
-    and the matrices diagonally dominant, because there is no pivoting.
+    and the matrices must be diagonally dominant, because the method does not pivot.
 
     The method is parallel cyclic reduction (Hockney, Jesshope: Parallel Computers, 1981). Each
     round eliminates the neighbours of every row, so that the distance between coupled rows
@@ -38,9 +38,10 @@ def solve_tridiagonal(below: Array, main: Array, above: Array, right: Array) -> 
 def solve_pentadiagonal(main: Array, second: Array, third: Array, right: Array) -> Array | None:
     """Return the solution x of M x = right, or None if M is not positive definite.
 
-    M is symmetric. `main` is its main diagonal, `second` and `third` are the two diagonals above
-    it, shape (n,), with one and two ignored elements at the end. The method uses plain Python
-    numbers, because a library's dense solver is slower for this size and starts threads.
+    M is symmetric. `main` is its main diagonal, and `second` and `third` are the two diagonals
+    above it. All have the shape (n,), so the last element of `second` and the last two of `third`
+    are ignored. The method uses plain Python numbers, because a library's dense solver is slower
+    for this size and starts threads.
     """
     d, e, f = main.tolist(), second.tolist(), third.tolist()
     y: list[float] = right.tolist()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The speeds along a path that reach its points at their commanded times, and make up delays.
 
-u is the path parameter, and its derivative by time, u̇, the speed.
+u is the path parameter. Its time derivative u̇ is called the speed.
 """
 
 import numpy as np
@@ -13,46 +13,48 @@ from epson_driver.motion.smoother.request import OUTSET_US, Effort, Problem, Req
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds, SpeedProfile
 
 UNBOUND_SPEED = 1e6
-"""Commanded speed u̇ where no time is commanded. It is higher than any joint limit allows."""
+"""Value of u̇ where no time is commanded. It is higher than any joint limit allows."""
 
 SMOOTHED_S = 0.03
-"""Maximum deviation from a knot's time caused by smoothing the commanded speeds, s."""
+"""Maximum change of the time at a knot that smoothing the commanded speeds may cause, s."""
 
 MIN_SMOOTHED_SHARE = 0.9
 """Minimum smoothed speed as a fraction of the lowest commanded speed."""
 
 IN_TIME_S = 0.01
-"""Delay that is not corrected, s, because the correction would make the motion uneven."""
+"""Maximum delay that is not corrected, s, because a correction would make the motion uneven."""
 
 CATCH_UP_RATIO = 1.25
 """Usual ratio of the speed to the commanded speed while a motion makes up a delay."""
 
 MAX_CATCH_UP_RATIO = 6.0
-"""Maximum of this ratio, for a motion that would otherwise end late."""
+"""Maximum of this ratio, used if the motion would otherwise end late."""
 
 CATCH_UP_BISECTIONS = 4
-"""Number of bisection steps in the search for a ratio above CATCH_UP_RATIO."""
 
 LATE_END_SHARE = 0.02
 """Tolerated delay at the end, as a fraction of the remaining time."""
 
 LATER_SHARE, LATER_AT_REST_SHARE = 0.3, 0.5
-"""Estimated delays of a plan relative to the speed profile, which ignores jerk: after a start from
-rest, and in addition at the end. The unit is acceleration limit / jerk limit."""
+"""Estimated delays of a plan relative to the speed profile, which ignores the jerk limits. The
+first results from a start from rest, the second from the end at rest. Their unit is the ratio of
+the acceleration limit to the jerk limit."""
 
 FULL_CATCH_UP_DELAY_S, MAX_DELAY_RATIO = 0.05, 2.4
-"""The speed ratio is at most 1 + delay / FULL_CATCH_UP_DELAY_S · (CATCH_UP_RATIO - 1), where the
-quotient is at most MAX_DELAY_RATIO. A long delay results from a rest or a very slow motion."""
+"""The ratio of the speed to the commanded speed is at most 1 + min(delay / FULL_CATCH_UP_DELAY_S,
+MAX_DELAY_RATIO) · (CATCH_UP_RATIO - 1). A long delay results from a rest or a very slow motion."""
 
 HORIZON_SHARE = 0.8
-"""The path is cut where the speed profile arrives after this fraction of the planning horizon,
-because a plan is slower than the profile."""
+"""Fraction of the planning horizon that the speed profile takes to the end of the planned path.
+
+A plan is slower than the profile, so it takes about the whole horizon.
+"""
 
 
 def within_horizon(
     request: Request, path: Path, limits: JointLimits, effort: Effort
 ) -> tuple[Path, Problem, SpeedBounds]:
-    """Return the path up to the planning horizon, its planning problem, and its speed bounds."""
+    """Return the path up to the planning horizon, with its planning problem and speed bounds."""
     effort.spend(OUTSET_US)
     problem = problem_of(request, path, limits, _ratio(request), effort)
     bounds = SpeedBounds(problem)
@@ -83,7 +85,7 @@ def _ratio(request: Request) -> float:
 
 
 def _late_end(request: Request, path: Path, limits: JointLimits, profile: SpeedProfile) -> bool:
-    """Return whether a plan with about the speeds of `profile` would reach the end late."""
+    """Return whether a plan with speeds similar to `profile` would reach the end late."""
     now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
     time_left = float(end - now)
     duration = float(_arrivals(request, profile, np.array([path.end]), limits)[0])
@@ -91,7 +93,6 @@ def _late_end(request: Request, path: Path, limits: JointLimits, profile: SpeedP
 
 
 def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Effort) -> float:
-    """Return the ratio to the commanded speed that is needed to reach the end in time."""
     low, high = _ratio(request), min(MAX_CATCH_UP_RATIO, request.catch_up)
     for _ in range(CATCH_UP_BISECTIONS):
         effort.spend(OUTSET_US / 2.0)
@@ -105,11 +106,11 @@ def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Eff
 
 
 def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedProfile) -> Array:
-    """Return the factor for the commanded speed at each knot, to make up a delay, shape (k,)."""
+    """Return the factor of the commanded speed at each knot that makes up a delay, shape (k,)."""
     knots = path.knots.u
     clock = request.clock[: len(knots)]
     now = float(np.interp(request.state[0], knots, clock))
-    # faster where even the profile is late
+    # increase the speed where even the profile is late
     ahead = knots > request.state[0]
     arrival = _arrivals(request, profile, knots[ahead], limits)
     late = np.zeros(len(knots))
@@ -117,7 +118,7 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
     late[~ahead] = np.maximum(max(request.lag - IN_TIME_S, 0.0), late[ahead][:1])
     lag = request.lag + IN_TIME_S
     if lag < 0.0:
-        # too early: slower until the motion is in time
+        # the motion is early: reduce the speed until it is in time
         early = clock - now <= -lag / (CATCH_UP_RATIO - 1.0)
         late[early & (late == 0.0)] = lag
     spare = float(request.clock[-1]) - now
@@ -125,7 +126,7 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
     fraction = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
     fraction = np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, MAX_DELAY_RATIO * fraction)
     factor = 1.0 + fraction * (CATCH_UP_RATIO - 1.0)
-    # no more than needed within the adjacent halves of the intervals at a knot
+    # limit the factor to the one that makes up the delay between the two adjacent midpoints
     intervals = np.diff(clock)
     nearby = (np.append(intervals[:1], intervals) + np.append(intervals, intervals[-1:])) / 2.0
     shortened = nearby - late
@@ -139,7 +140,7 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
 def _arrivals(
     request: Request, profile: SpeedProfile, places: Array, limits: JointLimits
 ) -> Array:
-    """Return the estimated times, s, at which a plan passes u = `places`. The last is its end."""
+    """Return the estimated times, s, at which a plan passes u = `places`, and ends at the last."""
     ramp = float(np.max(limits.acceleration / limits.jerk))
     times: Array = np.interp(places, profile.positions, profile.times)
     if request.state[1] == 0.0:
@@ -157,7 +158,7 @@ def stopping_time(limits: JointLimits) -> float:
 def problem_of(
     request: Request, path: Path, limits: JointLimits, factor: Array | float, effort: Effort
 ) -> Problem:
-    """Return the planning problem on a path, with the commanded speed multiplied by `factor`.
+    """Return the planning problem with the commanded speed multiplied by `factor`.
 
     factor: one number, or one per knot, shape (k,).
     """
@@ -165,10 +166,7 @@ def problem_of(
 
 
 def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Array, Array] | None:
-    """Return path parameters u and the commanded u̇² at them, or None if no time is commanded.
-
-    factor: multiplies the commanded speed u̇ everywhere, or at each knot, shape (k,).
-    """
+    """Return path parameters u and the commanded u̇² at them, or None if no time is commanded."""
     u = path.knots.u
     clock = request.clock[: len(u)]
     timed = request.timed[1 : len(u)] & (np.diff(clock) > 0.0)
@@ -188,12 +186,14 @@ def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Arr
 
 
 def _smooth_speeds(u: Array, clock: Array) -> tuple[Array, Array]:
-    """Return path parameters and the speeds at them that pass knots `u` at about `clock`, s.
+    """Return path parameters, and the speed at each of them.
 
-    The speeds are the mean speeds between the knots, joined by a constant acceleration around each
-    knot. The acceleration lasts as long as the shorter adjacent interval. It is shorter if the
-    knot would otherwise be passed more than SMOOTHED_S from its time, but lasts at least
-    SMOOTHED_S before and after the knot.
+    A motion with these speeds reaches the knots `u` approximately at the times `clock`, s.
+
+    Between two knots the speed is the mean speed. Around each knot it changes with a constant
+    acceleration. The change takes as long as the shorter adjacent interval. It is shorter if the
+    knot would otherwise be more than SMOOTHED_S early or late, but it takes at least SMOOTHED_S on
+    each side of the knot.
     """
     intervals = np.diff(clock)
     mean = np.diff(u) / intervals
@@ -210,6 +210,7 @@ def _smooth_speeds(u: Array, clock: Array) -> tuple[Array, Array]:
     order = np.argsort(times, kind='stable')
     steps = np.diff(times[order])
     speeds = mean[0] + np.append(0.0, np.cumsum(np.cumsum(slopes[order])[:-1] * steps))
-    speeds = np.maximum(speeds, MIN_SMOOTHED_SHARE * mean.min())  # below it by rounding
+    # rounding can make a speed lower than this
+    speeds = np.maximum(speeds, MIN_SMOOTHED_SHARE * mean.min())
     places = u[0] + np.append(0.0, np.cumsum((speeds[:-1] + speeds[1:]) / 2.0 * steps))
     return np.minimum(places, u[-1]), speeds

@@ -13,15 +13,14 @@ from epson_driver.motion.limits import Array
 from epson_driver.motion.smoother import ruckig_move
 from epson_driver.motion.smoother.output_guard import Motion
 from epson_driver.motion.smoother.request import ActivePlan, Problem
-from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 from epson_driver.motion.smoother.waypoints import MIN_MOVE, Waypoint, Waypoints
+from epson_driver.motion.time_parametrisation import TimeParametrisation
 
 JUST_STARTED_S = 1e-6
-"""Time after a start from rest during which the arm still counts as at rest, s."""
+"""Time after a start from rest during which the arm still counts as at rest."""
 
 Observer = Callable[[float, ActivePlan | JointMotion | None], None]
-"""Callback for each new motion. Its arguments are the start time of the motion, s, and the motion,
-or None if the arm is at rest from this time."""
+"""Function called with the start time, s, and each new motion, which is None for a rest."""
 
 
 class Execution:
@@ -44,15 +43,14 @@ class Execution:
         self.stopping = False
         """Whether the arm brakes to rest because its points were discarded."""
         self.paused = False
-        """Whether the arm is at rest on the path, at the end of a plan for a pause."""
+        """Whether the arm rests on the path, because a plan with `pause` has ended."""
         self.held = False
         """Whether the arm must rest on the path until `Smoother.resume`."""
         self.clock_start: float | None = None
-        """Time at which the points' commanded times are 0, s, or None if the next plan sets it."""
+        """Time of the zero of the points' commanded times, s. None: the next plan sets it."""
 
     @property
     def motion(self) -> Motion:
-        """Current commanded position, velocity and acceleration."""
         if self.joint_motion is not None:
             return Motion(*self.joint_motion.at(self.now - self._joint_motion_start))
         if self.plan is None:
@@ -64,20 +62,20 @@ class Execution:
 
     @property
     def in_motion(self) -> bool:
-        """Whether the arm moves, or is at rest on the path instead of at the waypoints' origin."""
+        """Whether the arm moves, or rests on the path.
+
+        If not, it rests at the origin of the waypoints.
+        """
         return self.plan is not None or self.joint_motion is not None
 
     @property
     def at_rest(self) -> bool:
-        """Whether the arm is at rest now, even if points are ahead."""
         return self.paused or not self.in_motion
 
     @property
     def near_last(self) -> bool:
-        """Whether the arm rests near the last point, within the merge tolerance, but not at it."""
+        """Whether the arm rests within the merge tolerance of the last point, but not at it."""
         return not self.in_motion and self._waypoints.near_last(self._position)
-
-    # --- time -------------------------------------------------------------------------------
 
     def next_change(self) -> float:
         """Return the time at which the next plan starts or the executed motion ends, s."""
@@ -89,7 +87,10 @@ class Execution:
         return due
 
     def change(self, due: float) -> None:
-        """Advance time to `due`, s, and make the change that `next_change` has announced."""
+        """Advance time to the next change of the motion, and make this change.
+
+        due: time of the change, s, as returned by `next_change`.
+        """
         self.now = max(self.now, due)
         plan = self.plan
         if self.next is not None and self.next.start <= self.now:
@@ -108,7 +109,7 @@ class Execution:
             self._arrive(plan.path.knots.position[-1], None if self.stopping else plan.route[-1])
 
     def pass_time(self, until: float) -> None:
-        """Advance time to `until`, s, without a change, and remove points that were passed."""
+        """Advance time to `until`, s, without a change, and remove the points passed by then."""
         self.now = until
         plan = self.plan
         if plan is None:
@@ -127,7 +128,6 @@ class Execution:
         self.paused = False
 
     def _arrive(self, position: Array, point: Waypoint | None = None) -> None:
-        """Start a rest at a position. point: the waypoint there, or None for the origin."""
         self._position = position
         self._waypoints.arrived(self.now, point)
         self._execute(None)
@@ -135,7 +135,7 @@ class Execution:
         self.clock_start = None
 
     def rest_between(self, plan: ActivePlan, u: float) -> None:
-        """Start a rest at path parameter `u`, between two points. The next path starts there."""
+        """Come to rest between two points, at path parameter `u`. The next path starts there."""
         position = plan.path.at(u)[0]
         segment = plan.path.segment(u)
         remaining = plan.path.knots.position[segment + 1] - position
@@ -153,13 +153,8 @@ class Execution:
         if self._observer is not None:
             self._observer(self.now, motion)
 
-    # --- commands ---------------------------------------------------------------------------
-
     def stop(self) -> None:
-        """Come to rest, on the path if a stop there respects the limits.
-
-        The caller must have discarded the points.
-        """
+        """Come to rest, on the path if possible. The caller must have discarded all points."""
         state = self.motion
         if self.at_rest:
             self._waypoints.continue_from(state.position)
@@ -174,7 +169,10 @@ class Execution:
                 self.brake(state)
 
     def brake(self, state: Motion, elapsed: float = 0.0) -> None:
-        """Brake in joint space, as hard as the limits allow. state: the state `elapsed` s ago."""
+        """Brake in joint space, as hard as the limits allow.
+
+        state: state at the start of braking, `elapsed` s ago.
+        """
         self.move_off_the_path(fastest_stop(self._waypoints.limits, state), elapsed)
         self.stopping = True
 
@@ -186,10 +184,7 @@ class Execution:
         self._waypoints.continue_from(motion.end)
 
     def pause(self) -> None:
-        """Stay at rest, or brake on the path.
-
-        If no immediate stop respects the limits, the plan continues until the next plan.
-        """
+        """Stay at rest, or brake on the path. If that is impossible, wait for the next plan."""
         plan = self.plan
         if plan is None or plan.pause or self.stopping:
             return
@@ -205,6 +200,5 @@ class Execution:
         return bool(from_rest) and self.now - plan.start < JUST_STARTED_S
 
     def _stop_on(self, plan: ActivePlan) -> TimeParametrisation | None:
-        """Return the fastest verified stop on the path from now, or None if none was found."""
         state = plan.timing.at(self.now - plan.start)
         return ruckig_move.stop(Problem(plan.path, state, self._waypoints.limits))

@@ -6,14 +6,15 @@ u is the path parameter, and x(u) = u̇² the square of the speed. The method mi
 
     w (1/√x + (x/c²)^p / (2 p c))
 
-over m samples with the weights w. The first term is the time, the second one a cost of exceeding
-the target speed c. The minimum is at x = c². The constraints of a sample, called rows, are
+over m samples with the weights w. The first term is the time, the second one the cost of exceeding
+the target speed c. Each sample has its minimum at x = c². Its constraints, called rows, are
 
     row · (x, x′, x″) ≤ 1, or ≤ 1/√x for some rows
 
-1/√x is convex and therefore above its tangent, so each step is towards an allowed point. At a
-sample, x and its derivatives depend on three neighbouring coefficients of a spline, so a Newton
-step solves a system with five diagonals. Primal and dual variables have separate step lengths
+1/√x is convex and therefore above its tangent, which replaces it in each step, so each step leads
+towards an allowed point. At a sample, x and its derivatives depend on three neighbouring
+coefficients of a spline. Therefore a Newton step solves a system with five diagonals. Primal and
+dual variables have separate step lengths
 (Nocedal & Wright, Numerical Optimization, chapter 19).
 """
 
@@ -29,22 +30,20 @@ from epson_driver.motion.smoother.request import NEWTON_STEP_US, ROW_US, Effort
 
 MAX_ITERATIONS = 40
 RELATIVE_TOLERANCE = 2e-3
-"""The search has converged if no row exceeds its right side by more than this, and (by default) if
-at most this fraction of the time could still be saved."""
+"""Accepted excess of a row, and by default accepted fraction of the time that could be saved."""
 
 ACCEPTED_ROW_EXCESS = 2e-2
-"""Excess of a row over its right side that is accepted after the last iteration."""
+"""Excess of a row that is accepted after the last iteration."""
 
 SPEED_COST_EXPONENT = 8
-"""Exponent p of the cost of a high speed (see above)."""
+"""Exponent p of the cost of a high speed."""
 
 MIN_STEP_SHARE, MAX_SHORT_STEPS = 5e-3, 2
-"""The search ends after more than MAX_SHORT_STEPS steps that are shorter than the fraction
-MIN_STEP_SHARE of a Newton step."""
+"""The search ends after more than MAX_SHORT_STEPS steps below this fraction of a Newton step."""
 
 MIN_ITERATIONS, SLOWEST_RATE = 12, 0.88
-"""The search ends if, after MIN_ITERATIONS iterations, the initial excess of the rows has not
-decreased on average by the factor SLOWEST_RATE per iteration."""
+"""After MIN_ITERATIONS, the search ends if the factor by which the rows' excess has decreased per
+iteration is above SLOWEST_RATE on average."""
 
 _UPPER = np.triu_indices(3)
 
@@ -57,7 +56,7 @@ class Program:
     * first: index of the first of these three coefficients, shape (m,).
     * rows: constraints at each sample, shape (m, r, 3).
     * rooted: index of the first row whose right side is 1/√x.
-    * back: distance in u before each sample at which its cost is evaluated, shape (m,).
+    * back: distance in u. The cost of a sample is evaluated this far before the sample, (m,).
     * weights, target_speeds: w and c of the cost, shape (m,).
     """
 
@@ -75,8 +74,7 @@ def minimise(
 ) -> Array | None:
     """Return the coefficients of the minimum, shape (n,), or None if none was found.
 
-    start: initial coefficients, shape (n,). tolerance: the search ends when at most this fraction
-    of the time could still be saved.
+    tolerance: fraction of the time that could still be saved when the search ends.
     """
     # the samples are the last axis, because sums over rows are then faster
     rows = np.ascontiguousarray(program.rows.transpose(2, 1, 0))  # (3, r, m)
@@ -90,7 +88,6 @@ def minimise(
     place = (diagonal * size + three[np.append(_UPPER[0], range(3))]).ravel()
 
     def values(coefficients: Array) -> Array:
-        """Return (x, x′, x″) at the samples, shape (3, m)."""
         result: Array = np.einsum('kjm,jm->km', basis, coefficients[three])
         return result
 
@@ -100,13 +97,15 @@ def minimise(
     stiffness, d_slack, d_dual, g, spare = (np.empty(shape) for _ in range(5))
 
     def update_excess() -> None:
-        """Set g to the excess of the rows over their right sides."""
         np.einsum('krm,km->rm', rows, y, out=g)
         g[:rooted] -= 1.0
         g[rooted:] -= root / np.sqrt(y[0])
 
     def longest(values: Array, changes: Array) -> float:
-        """Return the longest step ≤ 1 that keeps at least a hundredth of each positive value."""
+        """Return the longest step ≤ 1 that reduces no positive value by more than 99 %.
+
+        A step adds this multiple of `changes` to `values`.
+        """
         fastest = float(np.divide(changes, values, out=spare).min())
         return 1.0 if fastest >= 0.0 else min(1.0, -0.99 / fastest)
 
@@ -117,7 +116,6 @@ def minimise(
     cost = _cost(program)
 
     def counted(y: Array) -> Array:
-        """Return the x that the cost uses (see `Program.back`), shape (m,)."""
         result: Array = np.einsum('km,km->m', shift, y)
         return result
 
@@ -184,7 +182,7 @@ def minimise(
         y = values(c)
         x = counted(y)
         if min(x.min(), y[0].min()) <= 0.0:
-            return None  # rounding, where x is almost 0
+            return None  # caused by rounding if x is almost 0
         update_excess()
         np.maximum(slack, np.negative(g, out=spare), out=slack)
         gap = float(np.multiply(slack, dual, out=spare).sum())

@@ -13,51 +13,52 @@ hull exceeds a limit is halved until the result is certain.
 
 from dataclasses import dataclass
 from math import comb
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from epson_driver.motion.interpolation import after
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.path import DEGREE, Path
-from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
+from epson_driver.motion.time_parametrisation import TimeParametrisation
 
 BACKWARD_SPEED = 1e-9
-"""Negative speed u̇ that counts as rounding instead of a reversal."""
+"""Maximum backward u̇ that counts as rounding instead of a reversal."""
 
 LIMIT_TOLERANCE_SHARE = 1e-7
-"""Relative excess of a velocity, acceleration or jerk limit that counts as rounding."""
+"""Rounding at a velocity, acceleration or jerk limit, relative to it."""
 
 POSITION_TOLERANCE = 1e-12
-"""Excess of a position limit that counts as rounding, rad."""
+"""Rounding at a position limit, rad."""
 
 JUMP_TOLERANCE = 1e-9
-"""Jump of u between two pieces of a timing that counts as rounding."""
+"""Rounding of u between two pieces of a timing."""
 
 KNOT_TOLERANCE = 1e-12
-"""Difference in u between a path knot and an end of a timing's piece that counts as rounding."""
+"""Distance in u below which a path knot counts as at the end of a piece."""
 
 PASSAGE_TOLERANCE = 1e-15
-"""Accuracy with which the passage of a knot is computed, in u or in s."""
+"""Accuracy of the passage of a knot, in u or in s."""
 
 MAX_HALVINGS = 16
-"""Maximum number of times that a span is halved. After that, its hull counts as its usage."""
+"""Maximum number of halvings of a span. After it, the span's hull counts as its usage."""
 
 TIGHT_HULL_RATIO = 1.02
-"""A span that exceeds a limit at one end is not halved if its hull is at most this multiple of the
-value there."""
+"""Maximum ratio of a span's hull to its value at one end. If that value exceeds the limit, a span
+with a lower ratio is not halved."""
 
 Indices = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LimitUsage:
-    """Usage of the limits by a timing on a path, in each of m spans.
+    """Use of the joint limits by a motion, i.e. a timing on a path, in each of m spans.
 
-    * positions: path parameter u in the middle of each span, shape (m,).
-    * velocity, acceleration, jerk: upper bounds for all joints, as multiples of the limits, shape
-      (m,).
-    * inside: whether every joint stays within its position limits, and the timing never jumps and
-      never reverses.
+    positions: path parameter u in the middle of each span. velocity, acceleration, jerk: highest
+    value of any joint, as a multiple of its limit (upper bounds). inside: whether every joint
+    stays within its position limits, and the timing never jumps and never reverses.
     """
 
     positions: Array
@@ -68,7 +69,6 @@ class LimitUsage:
 
     @property
     def allowed(self) -> bool:
-        """Whether all limits are respected."""
         return self.inside and bool(
             max(self.velocity.max(), self.acceleration.max(), self.jerk.max())
             <= 1.0 + LIMIT_TOLERANCE_SHARE
@@ -76,34 +76,28 @@ class LimitUsage:
 
 
 def limit_usage(path: Path, timing: TimeParametrisation, limits: JointLimits) -> LimitUsage:
-    """Return the usage of the limits by a timing on a path, from its start to its end."""
     spans = _spans(path, timing)
     confined = _confined(path, limits)
     inside = _forward(timing) and _continuous(timing)
     parts: list[tuple[Array, Array]] = []
     for halvings_left in range(MAX_HALVINGS, -1, -1):
-        used = _span_usage(path, spans, limits, confined)
-        undecided = used.undecided & (halvings_left > 0)
-        inside = inside and not bool(np.any(used.outside & ~undecided))
-        parts.append((used.middles[~undecided], used.hull[~undecided]))
+        middles, hull, outside, undecided = _span_usage(path, spans, limits, confined)
+        undecided &= halvings_left > 0
+        inside = inside and not bool(np.any(outside & ~undecided))
+        parts.append((middles[~undecided], hull[~undecided]))
         if not undecided.any():
             break
-        spans = spans[undecided].halves()
-    middles = np.concatenate([middle for middle, _ in parts])
-    velocity, acceleration, jerk = np.concatenate([hull for _, hull in parts]).T
-    return LimitUsage(middles, velocity, acceleration, jerk, inside)
+        spans = spans.some(undecided).halves()
+    middles, hull = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return LimitUsage(middles, hull[:, 0], hull[:, 1], hull[:, 2], inside)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Spans:
+class _Spans(NamedTuple):
     """m intervals of time, each with one piece of the timing on one segment of the path.
 
-    All fields have shape (m,).
-
-    * segment: index of the path segment.
-    * offset: u at the start of the span, measured from the segment's first knot.
-    * speed, acceleration, jerk: derivatives of u by time at the start of the span.
-    * duration: duration of the span, s.
+    segment: index of the path segment. offset: u at the start of the span, measured from the
+    segment's first knot. speed, acceleration, jerk: time derivatives of u at the start. All
+    have the shape (m,).
     """
 
     segment: Indices
@@ -113,41 +107,24 @@ class _Spans:
     jerk: Array
     duration: Array
 
-    def __getitem__(self, some: npt.NDArray[np.bool_]) -> '_Spans':
-        return _Spans(
-            self.segment[some],
-            self.offset[some],
-            self.speed[some],
-            self.acceleration[some],
-            self.jerk[some],
-            self.duration[some],
-        )
+    def some(self, mask: Mask) -> '_Spans':
+        return _Spans._make(values[mask] for values in self)
 
     def halves(self) -> '_Spans':
         """Return the first halves of all spans, then the second halves."""
         t = self.duration / 2.0
         v, a, j = self.speed, self.acceleration, self.jerk
-        return _Spans(
-            np.tile(self.segment, 2),
-            np.append(self.offset, self.offset + _distance(t, v, a, j)),
-            np.append(v, v + t * (a + t * j / 2.0)),
-            np.append(a, a + t * j),
-            np.tile(j, 2),
-            np.tile(t, 2),
-        )
+        first, second = self._replace(duration=t), after(t, self.offset, v, a, j)
+        return _Spans._make(map(np.append, first, (self.segment, *second, j, t)))
 
 
 def _distance(t: Array, v: Array, a: Array, j: Array) -> Array:
-    """Return the increase of u in time t, from speed v and acceleration a, at constant jerk j."""
     distance: Array = t * (v + t * (a / 2.0 + t * j / 6.0))
     return distance
 
 
 def _spans(path: Path, timing: TimeParametrisation) -> _Spans:
-    """Return the spans of a timing on a path.
-
-    A span's path segment is found by counting the knots before it, because u may be rounded.
-    """
+    """Return the spans of a timing on a path. Their segments follow from a count of the knots."""
     durations = np.diff(timing.times)
     reached = np.maximum.accumulate(timing.positions)
     knots = path.knots.u
@@ -175,15 +152,9 @@ def _spans(path: Path, timing: TimeParametrisation) -> _Spans:
     offset = np.where(
         knot == 1, 0.0, timing.positions[piece] - knots[segment] + _distance(start, v, a, j)
     )
-    spans = _Spans(
-        segment,
-        offset,
-        v + start * (a + start * j / 2.0),
-        a + start * j,
-        j,
-        until - start,
-    )
-    return spans[spans.duration > 0.0]
+    _, speed, acceleration = after(start, np.zeros(len(start)), v, a, j)
+    spans = _Spans(segment, offset, speed, acceleration, j, until - start)
+    return spans.some(spans.duration > 0.0)
 
 
 def _passages(timing: TimeParametrisation, piece: Indices, us: Array) -> Array:
@@ -206,7 +177,6 @@ def _passages(timing: TimeParametrisation, piece: Indices, us: Array) -> Array:
 
 
 def _forward(timing: TimeParametrisation) -> bool:
-    """Return whether a timing never reverses."""
     v, a, j = timing.velocities[:-1], timing.accelerations[:-1], timing.jerks
     with np.errstate(divide='ignore', invalid='ignore'):
         turn = np.nan_to_num(-a / j, nan=0.0, posinf=0.0, neginf=0.0)
@@ -216,7 +186,7 @@ def _forward(timing: TimeParametrisation) -> bool:
 
 
 def _continuous(timing: TimeParametrisation) -> bool:
-    """Return whether each piece of a timing ends at the start of the next one, or at rest."""
+    """Return whether each piece of a timing ends where the next starts, and the last at rest."""
     t = np.diff(timing.times)
     v, a, j = timing.velocities[:-1], timing.accelerations[:-1], timing.jerks
     gaps = (
@@ -237,8 +207,8 @@ def _continuous(timing: TimeParametrisation) -> bool:
 def _bernstein(derivative: int) -> Array:
     """Return the matrix that turns a polynomial into a derivative's Bernstein coefficients.
 
-    The polynomial of s, 0 ≤ s ≤ 1, is given by its coefficients of s¹ … s¹⁵. derivative: the order
-    of the derivative. The result has shape (15, 16 - derivative).
+    The polynomial is given by its coefficients of s¹ … s¹⁵, 0 ≤ s ≤ 1. Shape (15, 16 -
+    derivative).
     """
     size = 3 * DEGREE
     degree = size - derivative
@@ -257,10 +227,10 @@ _PARTS = np.cumsum([0] + [3 * DEGREE + 1 - order for order in (1, 2, 3)])
 
 
 def _powers(spans: _Spans) -> tuple[Array, Array]:
-    """Return the powers w, w² … w⁵ of the increase w(s) of u since the start of each span.
+    """Return the powers w … w⁵ of the increase w(s) of u in each span, and w(1/2).
 
-    s is the elapsed fraction of the span's duration. A power is given by its coefficients of
-    s¹ … s¹⁵, so the shape is (m, 5, 15). The second result is w(1/2), shape (m,).
+    s is the elapsed fraction of the span. A power is represented by its coefficients of s¹ … s¹⁵,
+    shape (m, 5, 15).
     """
     t = spans.duration
     linear = spans.speed * t
@@ -277,25 +247,15 @@ def _powers(spans: _Spans) -> tuple[Array, Array]:
     return powers, _distance(t / 2.0, spans.speed, spans.acceleration, spans.jerk)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _SpanUsage:
-    """Usage of the limits in m spans.
-
-    * middles: path parameter u in the middle of each span, shape (m,).
-    * hull: upper bounds of velocity, acceleration and jerk, as multiples of the limits, (m, 3).
-    * outside: whether a position may exceed its limits, shape (m,).
-    * undecided: whether halving the span could change these results, shape (m,).
-    """
-
-    middles: Array
-    hull: Array
-    outside: npt.NDArray[np.bool_]
-    undecided: npt.NDArray[np.bool_]
-
-
 def _span_usage(
-    path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[np.bool_]
-) -> _SpanUsage:
+    path: Path, spans: _Spans, limits: JointLimits, confined: Mask
+) -> tuple[Array, Array, Mask, Mask]:
+    """Return the middles of spans, their hulls, and two masks of the spans.
+
+    The hulls are upper bounds of velocity, acceleration and jerk, as multiples of the limits,
+    shape (m, 3). The first mask marks spans in which a position may exceed its limits, the second
+    one those whose result may improve by halving.
+    """
     powers, half = _powers(spans)
     taylor = path.taylor(spans.segment, spans.offset).transpose(0, 2, 1)  # (m, n, 6)
     t = spans.duration
@@ -322,12 +282,12 @@ def _span_usage(
         certain = np.maximum(excess[:, 0], excess[:, -1]) > POSITION_TOLERANCE
         undecided[open_] |= outside[open_] & ~certain
     middles = path.knots.u[spans.segment] + spans.offset + half
-    return _SpanUsage(middles, hull, outside, undecided)
+    return middles, hull, outside, undecided
 
 
-def _confined(path: Path, limits: JointLimits) -> npt.NDArray[np.bool_]:
+def _confined(path: Path, limits: JointLimits) -> Mask:
     """Return which segments are certainly within the position limits, shape (k - 1,)."""
     hulls = path.hulls()
     within = (hulls >= limits.position_min) & (hulls <= limits.position_max)
-    confined: npt.NDArray[np.bool_] = np.all(within, axis=(1, 2))
+    confined: Mask = np.all(within, axis=(1, 2))
     return confined

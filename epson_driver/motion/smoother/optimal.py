@@ -3,7 +3,7 @@
 """The (locally) fastest time parametrisation of a path.
 
 u is the path parameter, x(u) = u̇² the square of the speed, and q′, q″, q‴ are the derivatives of
-a joint's position by u. With the joint's limits V, A and J, the constraints are
+a joint's position with respect to u. With the joint's limits V, A and J, the constraints are
     velocity      |q′| √x ≤ V
     acceleration  |q′x′/2 + q″x| ≤ A
     jerk          |q′x″/2 + 3q″x′/2 + q‴x| ≤ J / √x
@@ -16,76 +16,69 @@ import dataclasses
 import math
 
 import numpy as np
+import numpy.ma  # otherwise the first call of setdiff1d imports it, which takes 0.1 s
 
 from epson_driver.motion.limits import Array
 from epson_driver.motion.smoother.interior_point import RELATIVE_TOLERANCE, Program, minimise
 from epson_driver.motion.smoother.limit_usage import LimitUsage
 from epson_driver.motion.smoother.request import ROUND_US, Problem
-from epson_driver.motion.smoother.speed_bounds import SpeedBounds
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds, SpeedProfile
 from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline, basis
-from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
+from epson_driver.motion.time_parametrisation import TimeParametrisation
 
 NODE_SPACING_S = 0.008
-"""Time between two nodes of the spline x(u) in the initial timing, s."""
+"""Time between two nodes of the spline x(u) in the initial timing."""
 
 MAX_RAMP_TIME_S = 0.024
-"""Maximum duration of a ramp, s. A ramp is a start from rest, or an end at rest, with constant
-jerk."""
+"""Maximum duration of a ramp: a start from rest or an end at rest with constant jerk."""
 
 SHORT_RAMP_TIME_S = 0.008
-"""Maximum duration of a ramp in the second attempt, if the first one has found no timing, s."""
+"""Maximum duration of a ramp in the second attempt."""
 
 RAMP_VIEW = 3.0
-"""A ramp's jerk is checked on the distance that the ramp would cover in this multiple of its
-maximum duration."""
+"""Time from a rest for which a ramp's jerk is checked, as a multiple of its maximum duration."""
 
 MIN_NODES, MAX_NODES = 8, 180
 
 VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1e-2, 4e-2
-"""Fractions of the limits that are reserved, because the spline respects the limits only at its
-samples and the timing must respect them everywhere."""
+"""Fractions of the limits that remain unused, because the spline respects them only at samples."""
 
 MAX_KNOTS = 4
 """Maximum number of path knots between two nodes at which the limits are constraints."""
 
 START_INTERVALS = 10
-"""Number of intervals after a start in motion in which no velocity and acceleration is reserved,
-and only half of JERK_RESERVE_SHARE."""
+"""Number of intervals after a start in motion that have no reserve, except half of the jerk's."""
 
 FINER_RATIO = 1.03
-"""The first round adds nodes where the ratio of usage to limit exceeds this, because the nodes are
-too far apart there."""
+"""Ratio of a value to its limit above which the first round adds nodes at this place."""
 
 COARSE_RATIO = 1.3
-"""If the maximum of this ratio exceeds COARSE_RATIO, the first round only adds nodes and does not
-reduce the speed, because nodes too far apart do not show the allowed speed."""
+"""Ratio above which the first round only adds nodes, because sparse nodes hide the allowed
+speed."""
 
 FINAL_INTERVALS = 4
-"""Number of intervals at the end to which no nodes are added, so that the ramp to rest stays
-unchanged."""
+"""Intervals at the end without additional nodes, so that the ramp to rest is unchanged."""
 
 MAX_ROUNDS = 4
-"""Maximum number of rounds. Each starts with the previous timing and reduces the speed where this
-timing exceeds a limit."""
+"""Maximum number of rounds. Each reduces the speed where the previous timing exceeds a limit."""
 
 EXCESS_MARGIN_RATIO = 1.01
-"""Factor by which a round divides the limits everywhere after an excess. In the intervals with the
-excess, it divides them by the factor's square times the ratio of usage to limit."""
+"""Divisor of the limits in the round after an excess. In the intervals with the excess, the
+divisor is its square times the ratio of the value to its limit."""
 
 EXCESS_NEIGHBOURS = 2
-"""Number of intervals on either side of an excess whose limits are reduced with it."""
+"""Number of intervals on either side of an excess in which the limits are reduced, too."""
 
 MAX_LESS_RATIO = 4.0
 """Maximum factor by which one round divides the limits in an interval."""
 
 MAX_GENTLER_RAMPS = 20
-"""Maximum number of reductions of a ramp's jerk, if the ramp exceeds a limit."""
 
 GENTLER_RAMP_RATIO = 0.7
-"""Factor by which a reduction of a ramp multiplies its jerk."""
+"""Factor of each reduction of a ramp's jerk."""
 
 Excess = tuple[Array, Array]
-"""Path parameters u at which a limit is exceeded, and the ratios of usage to limit there."""
+"""Path parameters u at which a limit is exceeded, and the ratios of the values to the limit."""
 
 _SAMPLES = np.array([0.02, 0.98])
 _WEIGHTS = np.array([0.5, 0.5])
@@ -101,14 +94,13 @@ def propose(
 ) -> TimeParametrisation | None:
     """Return a verified, nearly optimal timing, or None if none was found.
 
-    ramp_time: maximum duration of a ramp of constant jerk from or to rest, s. tolerance: accepted
-    excess of the duration over the optimum, relative to the optimum.
+    ramp_time: maximum duration of a ramp, s. tolerance: accepted excess of the duration over the
+    optimum, relative to it.
     """
     ramps = _ramps(problem, bounds, ramp_time)
     if ramps is None:
         return None
-    profile = bounds.profile()
-    spline = _spline(problem, profile.positions, profile.speeds, profile.times, *ramps)
+    spline = _spline(problem, bounds.profile(), *ramps)
     excess: list[Excess] = []
     for turn in range(MAX_ROUNDS):
         if spline is None:
@@ -138,15 +130,12 @@ def propose(
 
 
 def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ramp, Ramp] | None:
-    """Return the ramps at the start and at the end, or None if the path is too short for them.
-
-    If the arm already moves, the ramp at the start is zero.
-    """
+    """Return the ramps at both ends, or None if the path is too short for them."""
     distance = problem.end - problem.start[0]
     ramps = []
     for end, inward in ((problem.start[0], 1.0), (problem.end, -1.0)):
         jerk = np.inf
-        for _ in range(2):  # first at the end itself, then along the length of the ramp
+        for _ in range(2):  # with the values at the end itself, then with those along the ramp
             back = inward * min(jerk * (RAMP_VIEW * ramp_time) ** 3 / 6.0, distance / 2.0)
             places = end + (0.0 if jerk == np.inf else back * _ALONG_RAMP)
             _, first, _, _ = problem.path.sample(np.atleast_1d(places))
@@ -170,7 +159,7 @@ def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ram
 def _allowed_ramp(problem: Problem, ramp: Ramp, end: float, inward: float) -> Ramp:
     """Return a ramp with its jerk reduced until it exceeds no acceleration or jerk limit.
 
-    end: path parameter u of the rest. inward: 1 for a start from rest, -1 for an end at rest.
+    end: u at rest. inward: 1 for a start from rest, -1 for an end at rest.
     """
     limits = problem.limits
     times = ramp.time * _ALONG_RAMP
@@ -190,36 +179,33 @@ def _allowed_ramp(problem: Problem, ramp: Ramp, end: float, inward: float) -> Ra
 
 
 def _spline(
-    problem: Problem,
-    us: Array,
-    vs: Array,
-    times: Array,
-    start_ramp: Ramp,
-    end_ramp: Ramp,
-    spacing: float = NODE_SPACING_S,
+    problem: Problem, profile: SpeedProfile, start_ramp: Ramp, end_ramp: Ramp
 ) -> SpeedSpline | None:
-    """Return a spline slightly slower than a sampled timing, or None if nodes would coincide.
+    """Return a spline slightly slower than a profile, or None if nodes would coincide.
 
-    us, vs, times: path parameter u, speed u̇ and time of the samples. Nodes are about `spacing` s
-    apart. The result is also None if the second coefficient is not positive.
+    The result is also None if the second coefficient is not positive.
     """
+    us = profile.positions
     start, end = problem.start[0] + start_ramp.length, problem.end - end_ramp.length
     us = np.maximum.accumulate(us) + np.linspace(0.0, 1e-9, len(us))
-    times = _slow_ends(us, times, start_ramp, end_ramp)
+    times = _slow_ends(us, profile.times, start_ramp, end_ramp)
     first, last = np.interp([start, end], us, times)
-    count = int(np.clip((last - first) / spacing, MIN_NODES, MAX_NODES))
+    count = int(np.clip((last - first) / NODE_SPACING_S, MIN_NODES, MAX_NODES))
     nodes = np.interp(np.linspace(first, last, count + 1), times, us)
     nodes = 0.98 * nodes + 0.02 * np.linspace(start, end, count + 1)
     nodes[0], nodes[-1] = start, end
     nodes = _on_knots(nodes, problem.path.knots.u)
-    speeds = np.interp(_middles(nodes), us, vs)
+    speeds = np.interp(_middles(nodes), us, profile.speeds)
     return _of_speeds(problem, nodes, math.sqrt(0.8) * speeds, start_ramp, end_ramp)
 
 
 def _finer(
     problem: Problem, spline: SpeedSpline, timing: TimeParametrisation, places: Array
 ) -> SpeedSpline | None:
-    """Return a timing's spline with more nodes around the u in `places`, or None (see _spline)."""
+    """Return a timing's spline with more nodes around `places`, or None as `_spline` does.
+
+    places: path parameters u.
+    """
     nodes = spline.nodes
     near = np.zeros(len(nodes) - 1, dtype=bool)
     interval = np.clip(nodes.searchsorted(places, side='right') - 1, 0, len(near) - 1)
@@ -233,7 +219,7 @@ def _finer(
 def _of_speeds(
     problem: Problem, nodes: Array, speeds: Array, start_ramp: Ramp, end_ramp: Ramp
 ) -> SpeedSpline | None:
-    """Return a spline from its nodes and the speeds u̇ at `_middles`, or None (see _spline)."""
+    """Return a spline with given nodes and speeds u̇ at `_middles`, or None as `_spline` does."""
     h = np.diff(nodes)
     if np.min(h) <= _BESIDE:
         return None
@@ -248,7 +234,7 @@ def _of_speeds(
 
 
 def _slow_ends(us: Array, times: Array, start_ramp: Ramp, end_ramp: Ramp) -> Array:
-    """Return the times of samples, with steps that are long enough for the ramps' jerks."""
+    """Return the times of samples. A step that is too short for a ramp's jerk is lengthened."""
     steps = np.diff(times)
     if start_ramp.time > 0.0:
         steps = np.maximum(steps, np.diff(np.cbrt(6.0 * (us - us[0]) / start_ramp.jerk)))
@@ -257,12 +243,12 @@ def _slow_ends(us: Array, times: Array, start_ramp: Ramp, end_ramp: Ramp) -> Arr
 
 
 def _middles(nodes: Array) -> Array:
-    """Return the path parameters at which the coefficients have their maximum weight, (N + 2,)."""
+    """Return the path parameter at which each coefficient has its maximum weight, (N + 2,)."""
     return np.concatenate((nodes[:1], (nodes[:-1] + nodes[1:]) / 2.0, nodes[-1:]))
 
 
 def _on_knots(nodes: Array, knots: Array) -> Array:
-    """Return the nodes, the nearest one moved to each path knot, where the jerk may jump."""
+    """Return the nodes after moving the nearest one to each path knot, where the jerk may jump."""
     knots = knots[(knots > nodes[0]) & (knots < nodes[-1])]
     if not len(knots):
         return nodes
@@ -278,8 +264,8 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
     """Return the optimisation program that minimises the time of a spline within the limits.
 
     The limits apply at both ends of each interval, and at both sides of path knots. The
-    acceleration is continuous, so its lower bound is used on one side of a node, and its upper
-    bound on the other side.
+    acceleration is the same on both sides of a node. It is therefore compared with its lower bound
+    on one side only, and with its upper bound on the other side only.
     """
     nodes, h, limits = spline.nodes, spline.lengths, problem.limits
     us = (nodes[:-1, None] + h[:, None] * _SAMPLES).ravel()
@@ -320,7 +306,6 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
 
 
 def _few(knots: Array, nodes: Array) -> Array:
-    """Return the path knots, but at most MAX_KNOTS of them between two nodes."""
     after = nodes.searchsorted(knots)
     counts = np.bincount(after, minlength=len(nodes))
     rank = np.arange(len(knots)) - (np.cumsum(counts) - counts)[after]
@@ -343,7 +328,7 @@ def _fraction(excess: list[Excess], nodes: Array) -> Array:
         np.maximum.at(worst, where, ratio)
         for _ in range(EXCESS_NEIGHBOURS):
             worst[1:-1] = np.maximum(worst[1:-1], np.maximum(worst[:-2], worst[2:]))
-        # reduce everywhere slightly, as a reduction at one place increases the usage elsewhere
+        # reduce the limits slightly everywhere, as a reduction at one place speeds up others
         less = np.where(worst > 1.0, EXCESS_MARGIN_RATIO, 1.0) * EXCESS_MARGIN_RATIO
         fraction /= np.minimum(less * worst, MAX_LESS_RATIO)
     return fraction

@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Check of each output of the smoother against the limits and the previous output.
 
-The check is independent of the planner and its verification. Between two outputs with the time dt
-between them, a jerk of at most J has these consequences:
+The check is independent of the planner and its verification. If the jerk between two outputs is at
+most J, and dt is the time between them, then
 
-- The acceleration changes by x J dt, with |x| ≤ 1.
-- The velocity changes as if the acceleration were linear, ± (1 - x²) J dt²/4.
-- The position changes as if the acceleration were linear, ± (1 - x²) (1 + |x|/3) J dt³/8.
+- the acceleration changes by x J dt, with |x| ≤ 1,
+- the velocity changes as with a linear acceleration, ± (1 - x²) J dt²/4,
+- the position changes as with a linear acceleration, ± (1 - x²) (1 + |x|/3) J dt³/8.
 
-The acceleration deviates most from the straight line between its end values if it first rises with
-J and then falls with J, which yields these bounds.
+These bounds follow from the largest deviation of the acceleration from the straight line between
+its end values: it first rises with J and then falls with J.
 """
 
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ import numpy as np
 from epson_driver.motion.limits import Array, JointLimits
 
 LIMIT_TOLERANCE_SHARE = 1e-6
-"""Relative excess of a velocity or acceleration limit that counts as rounding."""
+"""Rounding at a velocity or acceleration limit, relative to it."""
 
 POSITION_TOLERANCE = 5e-9
-"""Excess of a position limit that counts as rounding, rad."""
+"""Rounding at a position limit, rad."""
 
 
 class Motion(NamedTuple):
@@ -37,8 +37,6 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """A limit that an output exceeds."""
-
     joint: str
     quantity: str
     value: float
@@ -46,7 +44,6 @@ class Violation:
     unit: str
 
     def __str__(self) -> str:
-        """Return the joint, quantity, value and limit as text."""
         return (
             f'{self.joint}: {self.quantity} {self.value:.6g} {self.unit} is beyond the limit '
             f'{self.limit:.6g} {self.unit}'
@@ -62,17 +59,13 @@ _QUANTITIES = (
     ('change of velocity minus the mean acceleration', '/s'),
     ('change of position minus the mean velocity', ''),
 )
-"""Quantity in each row of the arrays `values` and `bounds`, and suffix to the joint's unit."""
+"""Name of the quantity in each row of `values` and `bounds`, and suffix to the joint's unit."""
 
 _ABOVE, _BELOW, _CHANGE, _SLIP_OF_VELOCITY, _SLIP_OF_POSITION = 0, 1, 4, 5, 6
-"""Indices of some of these rows."""
 
 
 class OutputGuard:
-    """Check of each output against the limits and the previous output.
-
-    motion: the first output.
-    """
+    """Check of each output against the limits and the previous output. The first is `motion`."""
 
     def __init__(self, motion: Motion) -> None:
         self.last = motion
@@ -80,11 +73,7 @@ class OutputGuard:
         self._bounds = self._rounding = np.empty(0)
 
     def violation(self, motion: Motion, dt: float, limits: JointLimits) -> Violation | None:
-        """Return the first limit that an output exceeds, or None if it exceeds none.
-
-        `dt`: time since the last output, ≥ 0 s. An output that exceeds no limit becomes the last
-        output.
-        """
+        """Return the first exceeded limit, or None. With None, `motion` becomes `last`."""
         if self._bounds_of is None or self._bounds_of[0] is not limits or self._bounds_of[1] != dt:
             self._bounds, self._rounding = _bounds(limits, dt), _rounding(limits, dt)
             self._bounds_of = limits, dt

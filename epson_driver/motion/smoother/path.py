@@ -3,10 +3,10 @@
 """A path with continuous curvature through knots in joint space.
 
 The parameter u of the path is the sum of the chord lengths ‖Δq / v_max‖₂ between the knots. Its
-unit is the second at full speed. A knot is a position with its first and second derivatives by u.
-Between two knots the path is the quintic polynomial with these values at its ends. The derivatives
-come from a cubic spline through the knots, so the path is equal to this spline where no knot was
-added or changed later.
+unit is the second at full speed. A knot is a position with its first and second derivatives with
+respect to u. Between two knots the path is the quintic polynomial with these values at its ends.
+The derivatives come from a cubic spline through the knots. Where no knot is added or changed
+later, the path is this spline.
 """
 
 from dataclasses import dataclass
@@ -21,13 +21,12 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.banded import solve_tridiagonal
 
 DEGREE = 5
-"""Polynomial degree of a segment."""
 
 
 def _hull_of(start: float, end: float) -> Array:
     """Return the matrix from power to Bernstein coefficients of a quintic on [start, end]."""
     matrix = np.zeros((DEGREE + 1, DEGREE + 1))
-    for i in range(DEGREE + 1):  # the blossom of sⁿ with i arguments `end`, the others `start`
+    for i in range(DEGREE + 1):  # the blossom of sⁿ: i arguments are `end`, the others `start`
         polynomial = np.array([1.0])
         for argument in [end] * i + [start] * (DEGREE - i):
             polynomial = np.convolve(polynomial, [1.0, argument])
@@ -37,7 +36,7 @@ def _hull_of(start: float, end: float) -> Array:
 
 
 HULL_PARTS = 16
-"""Number of parts into which a segment is split for the check of the position limits."""
+"""Number of parts of a segment in the check of the position limits."""
 
 _HULL = _hull_of(0.0, 1.0)
 _HULLS = np.concatenate(
@@ -49,15 +48,14 @@ _SHIFT_EXPONENTS = np.maximum(np.subtract.outer(range(DEGREE + 1), range(DEGREE 
 """Exponents of s in (x + s)ⁿ = Σ binomial(n, k) sⁿ⁻ᵏ xᵏ, in row k and column n."""
 
 POSITION_TOLERANCE = 5e-13
-"""Excess of a position limit that counts as rounding, rad."""
+"""Rounding at a position limit, rad."""
 
 AT_LIMIT_DISTANCE = 1e-6
-"""Distance from a position limit, rad, below which a joint must not move at a knot."""
+"""Distance from a position limit, rad. A joint that is closer at a knot must not move there."""
 
 ONWARD_SHARE = 0.25
-"""Fraction of the expected next segment for which a joint must have room to continue straight
-after the last knot. A quintic that leaves a knot with a slope and returns overshoots by 0.19 of
-slope · length."""
+"""Fraction of the expected next segment along which a joint could move straight on from the last
+knot within its limits. A quintic with a slope at a knot overshoots by 0.19 of slope · length."""
 
 LONG_SEGMENT = 1.5
 """Maximum expected length of the next segment, s at full speed."""
@@ -66,27 +64,25 @@ LONGER_RATIO = 10.0
 """Maximum ratio of the expected length of the next segment to the longest known segment."""
 
 _FREE, _LEVEL, _TURNING = 0, 1, 2
-"""State of a joint at a knot. _FREE: the spline sets its derivatives. _LEVEL: its slope is
-0. _TURNING: its slope is 0, and it has just enough curvature away from the limit to keep the
-adjacent segments within the range."""
+"""State of a joint at a knot. _FREE: the spline determines its derivatives. _LEVEL: its slope is
+given, usually 0. _TURNING: its slope is 0, and its curvature is just large enough to keep the
+adjacent segments within the limits."""
 
 TURN_RATIO, MIN_TURN_SHARE = 1.1, 0.25
-"""TURN_RATIO: ratio of the curvature of a turning joint to the minimum, so that the segments pass
-the range check. For the minimum, the fourth Bernstein coefficient of a segment is inside the limit
-by at least the fraction MIN_TURN_SHARE of the distance by which the third one exceeds it."""
+"""TURN_RATIO: ratio of the curvature of a turning joint to the minimum curvature. With the
+minimum, the fourth Bernstein coefficient is inside the limit by at least MIN_TURN_SHARE of the
+third one's excess."""
 
 _TURN_SAMPLES = np.geomspace(0.02, 50.0, 128)
-"""Samples s / (1 - s) for the search for the minimum curvature of a turning joint, where s is the
-position in a segment, measured from the other knot, (0, 1)."""
+"""Samples of s / (1 - s) for the search for this minimum. s is the distance from the other knot,
+(0, 1)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Knots:
     """k points of a path, with derivatives.
 
-    * u: path parameter, strictly increasing, shape (k,).
-    * position: joint positions, shape (k, n), rad.
-    * first, second: derivatives of the position by u, shape (k, n).
+    u is strictly increasing, shape (k,). The other arrays have the shape (k, n).
     """
 
     u: Array
@@ -95,13 +91,10 @@ class Knots:
     second: Array
 
     def __getitem__(self, part: slice) -> 'Knots':
-        """Return the knots of a slice."""
         return Knots(self.u[part], self.position[part], self.first[part], self.second[part])
 
 
 class Path:
-    """The path through two or more knots."""
-
     __slots__ = ('_by_exponent', '_coefficients', '_lengths', 'knots')
 
     def __init__(self, knots: Knots) -> None:
@@ -116,7 +109,6 @@ class Path:
 
     @property
     def end(self) -> float:
-        """Parameter u of the last knot."""
         return float(self.knots.u[-1])
 
     def segment(self, u: float) -> int:
@@ -143,13 +135,13 @@ class Path:
     def sample(self, us: Array, before: bool = False) -> tuple[Array, Array, Array, Array]:
         """Return position and three derivatives at the path parameters `us`, shapes (m, n).
 
-        The third derivative may jump at a knot. There it is the value after the knot, or, with
-        `before`, the value before it.
+        The third derivative may jump at a knot. The result is the value just after the knot or,
+        with `before`, just before it.
         """
         after = self.knots.u.searchsorted(us, side='left' if before else 'right')
         index = np.clip(after - 1, 0, len(self._lengths) - 1)
         h = self._lengths[index]
-        # one array for each coefficient, and s and h repeated for each joint, are faster
+        # one array for each coefficient, and s and h repeated for each joint, make this faster
         c0, c1, c2, c3, c4, c5 = self._by_exponent.take(index, axis=1)
         s = ((us - self.knots.u[index]) / h)[:, None].repeat(c0.shape[1], axis=1)
         h = h[:, None].repeat(c0.shape[1], axis=1)
@@ -161,10 +153,9 @@ class Path:
         )
 
     def taylor(self, segment: npt.NDArray[np.intp], offset: Array) -> Array:
-        """Return a Taylor polynomial of each segment, coefficients of powers 0 to 5, (m, 6, n).
+        """Return the coefficients of Taylor polynomials of m segments, powers 0 to 5, (m, 6, n).
 
-        segment: indices of the segments, shape (m,). offset: path parameter u about which the
-        polynomial is expanded, measured from the segment's first knot, shape (m,).
+        offset: u of the expansion point, measured from the segment's first knot, shape (m,).
         """
         h = self._lengths[segment]
         powers = np.vander(offset / h, DEGREE + 1, increasing=True)
@@ -174,19 +165,14 @@ class Path:
         return shifted
 
     def hulls(self) -> Array:
-        """Return the Bernstein coefficients of each segment, shape (k - 1, 6, n).
-
-        A segment is within the range of its coefficients.
-        """
+        """Return each segment's Bernstein coefficients, which bound it, shape (k - 1, 6, n)."""
         hulls: Array = _HULL @ self._coefficients
         return hulls
 
     def outside(self, limits: JointLimits) -> npt.NDArray[np.bool_]:
         """Return which joints may leave their position limits in each segment, (k - 1, n)."""
-        low, high = (
-            limits.position_min - POSITION_TOLERANCE,
-            limits.position_max + POSITION_TOLERANCE,
-        )
+        low = limits.position_min - POSITION_TOLERANCE
+        high = limits.position_max + POSITION_TOLERANCE
         hulls = self.hulls()
         beyond: npt.NDArray[np.bool_] = (hulls < low) | (hulls > high)
         outside: npt.NDArray[np.bool_] = np.any(beyond, axis=1)
@@ -198,19 +184,16 @@ class Path:
 
 
 def chord_lengths(points: Array, limits: JointLimits) -> Array:
-    """Return the lengths between consecutive points, shape (k - 1,), s at full speed.
+    """Return the distances between successive points, s at full speed, shape (k - 1,).
 
-    points: shape (k, n), rad.
+    points: shape (k, n).
     """
     scaled: Array = np.linalg.norm(np.diff(points, axis=0) / limits.velocity, axis=1)
     return scaled
 
 
 def line(knots: Knots, point: Array, limits: JointLimits) -> Path:
-    """Return the straight path from the last of some knots to a point, shape (n,).
-
-    A slow enough motion on it respects all limits, because it has no bends.
-    """
+    """Return the straight path from the last knot to a point."""
     start = knots[len(knots.u) - 1 :]
     ends = np.stack([start.position[0], point])
     length = chord_lengths(ends, limits)
@@ -223,10 +206,10 @@ def through(
 ) -> Path:
     """Return the path along some knots and then through points, shape (m, n), m ≥ 1.
 
-    The knots (one or more) stay unchanged. If not `clamped`, there is a single knot at rest, whose
-    derivatives are free. A joint that would leave its position limits between two points gets a
-    slope of 0 at a point instead. The path leaves room to continue within the limits after the
-    last point, unless `final`, which means that a rest follows.
+    The knots (one or more) do not change. If not `clamped`, there is a single knot, at which the
+    arm is at rest, and its derivatives are free. A joint that would leave its position limits
+    between two points gets a slope of 0 at a point instead. After the last point, the path can
+    continue within the limits. This is not needed if `final`, because the arm rests there.
     """
     chain = np.concatenate([knots.position[-1:], points])
     u = knots.u[-1] + np.concatenate(([0.0], np.cumsum(chord_lengths(chain, limits))))
@@ -239,7 +222,7 @@ def through(
     nearness = -np.minimum(chain - limits.position_min, limits.position_max - chain)
     slopes = np.zeros_like(chain)
     first, _ = _cubic_spline(u, chain, level, slopes, start, low, high)
-    # a continuation after the last point must stay within the range, too
+    # the continuation after the last point must also stay within the range
     room = np.where(
         first[-1] > 0.0, limits.position_max - chain[-1], chain[-1] - limits.position_min
     )
@@ -266,14 +249,8 @@ def through(
                     break
     new = path.knots[1:] if clamped else path.knots
     old = knots if clamped else knots[: len(knots.u) - 1]
-    return Path(
-        Knots(
-            *(
-                np.concatenate([getattr(old, name), getattr(new, name)])
-                for name in ('u', 'position', 'first', 'second')
-            )
-        )
-    )
+    names = ('u', 'position', 'first', 'second')
+    return Path(Knots(*(np.append(getattr(old, n), getattr(new, n), axis=0) for n in names)))
 
 
 def _cubic_spline(
@@ -287,13 +264,14 @@ def _cubic_spline(
 ) -> tuple[Array, Array]:
     """Return first and second derivatives at the knots of a cubic spline, shapes (k, n).
 
-    The second derivative is continuous where a joint is _FREE. Where it is _LEVEL or _TURNING,
-    another spline starts, with the slope from `slope`. The curvature there is the smaller one of
-    both sides, or 0 if their signs differ or the joint is _TURNING. At the last knot it is 0.
+    The second derivative is continuous at knots where a joint is _FREE. At a knot where it is
+    _LEVEL or _TURNING, another spline starts, with the slope from `slope`. The curvature at this
+    knot is the smaller one of both sides, or 0 if their signs differ or the joint is _TURNING. The
+    curvature at the last knot is 0.
 
-    level, slope: shape (k, n). start: derivatives at the first knot, or None for a curvature of 0.
-    low, high: whether a joint is at its lower or upper limit, where it must not bend out of the
-    range, shape (k, n).
+    level: state of each joint (_FREE …), shape (k, n). slope: shape (k, n). start: derivatives at
+    the first knot, or None for a curvature of 0. low, high: whether a joint is at its lower or
+    upper limit, shape (k, n). It must not bend out of its range there.
     """
     h = np.diff(u)[:, None]
     slopes = np.diff(points, axis=0) / h
@@ -339,9 +317,9 @@ def _turn(
     joint: int,
     limits: JointLimits,
 ) -> float:
-    """Return the curvature of a _TURNING joint at a knot that keeps it within the nearer limit.
+    """Return the curvature at a knot that keeps a _TURNING joint within the nearer limit.
 
-    It is 0, or directed inwards if the joint approaches the limit steeply at an adjacent knot.
+    It is 0, or directed inwards if the joint moves steeply towards the limit at an adjacent knot.
     points, first, second: positions and derivatives at the knots, shape (k, n).
     """
     low, high = limits.position_min[joint], limits.position_max[joint]
@@ -353,7 +331,7 @@ def _turn(
     for other in (knot - 1, knot + 1):
         if not 0 <= other < len(u):
             continue
-        h = u[knot] - u[other]  # negative for the next knot: the segment is traversed backwards
+        h = u[knot] - u[other]  # negative if `other` is the next knot: traverse the segment back
         # Bernstein coefficients of the distance from the limit, starting at the other knot
         start = inward * (points[other, joint] - border)
         slope = inward * first[other, joint] * h

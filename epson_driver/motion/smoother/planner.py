@@ -16,26 +16,29 @@ from epson_driver.motion.smoother.commanded_times import problem_of, within_hori
 from epson_driver.motion.smoother.path import Knots, Path, line, through
 from epson_driver.motion.smoother.request import MAX_EFFORT_US, Effort, Plan, Problem, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
-from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
+from epson_driver.motion.time_parametrisation import TimeParametrisation
 
 REACHES_IN_BRAKING_DISTANCES = (1.5, 2.0, 3.0, 4.0, 6.0)
-"""Distances to a rest that are tried, in multiples of the shortest braking distance that the slope
-of the path allows."""
+"""Distances to the rest that are tried, as multiples of the shortest braking distance."""
 
 MIN_SEGMENT_SHARE = 0.1
-"""A rest less than this fraction of a segment after a knot is moved to the knot."""
+"""Minimum distance of a rest after a knot, as a fraction of the segment. A rest that would be
+closer is moved to the knot."""
 
 
 def _pause(problem: Problem) -> TimeParametrisation | None:
     """Return a verified timing that comes to rest soon, or None if none was found.
 
     A motion that uses its limits fully cannot always brake immediately, because the joints may
-    need their limits to follow a bend of the path. It can come to rest slightly later.
+    need their limits to follow a bend of the path. In this case it comes to rest slightly later.
     """
     timing = ruckig_move.stop(problem)
     if timing is not None:
         return timing
-    hardest = ruckig_move.gentle_stop(problem.start, problem.path, problem.limits, 1.0)
+    slope, limits = np.abs(problem.path.at(problem.start[0])[1]), problem.limits
+    with np.errstate(divide='ignore'):
+        acceleration, jerk = limits.acceleration / slope, limits.jerk / slope
+    hardest = ruckig_move.brake(problem.start, float(np.min(acceleration)), float(np.min(jerk)))
     if hardest is None:
         return None
     first = problem.start[0]
@@ -50,7 +53,6 @@ def _pause(problem: Problem) -> TimeParametrisation | None:
 
 
 def _rest_at(problem: Problem, path: Path) -> TimeParametrisation | None:
-    """Return the fastest verified timing to rest at the end of `path`, a part of the problem's."""
     shorter = dataclasses.replace(problem, path=path, commanded=None)
     timing = optimal.propose(shorter, SpeedBounds(shorter))
     if timing is None or not problem.usage(timing).allowed:
@@ -59,7 +61,10 @@ def _rest_at(problem: Problem, path: Path) -> TimeParametrisation | None:
 
 
 def _until(path: Path, start: float, end: float) -> Path:
-    """Return the path from the segment at u = `start` to u = `end` or a knot just before it."""
+    """Return a part of a path, from the segment that contains u = `start` to u = `end`.
+
+    If a knot is just before `end`, the part ends at this knot.
+    """
     knots = path.knots
     first, last = path.segment(start), path.segment(end)
     part = (end - knots.u[last]) / (knots.u[last + 1] - knots.u[last])
@@ -78,19 +83,18 @@ def _until(path: Path, start: float, end: float) -> Path:
 
 
 URGENT_SHARE = 0.15
-"""Additional computing effort for an urgent plan, as a fraction of MAX_EFFORT_US."""
+"""Additional computing effort that an urgent plan may take, as a fraction of MAX_EFFORT_US."""
 
 OPTIMAL, BRANCH = 'optimal', 'branch'
-"""Names of the algorithms that find a timing (`Plan.proposer`)."""
 
 BRANCH_SHARES = (0.15, 0.4, 0.75)
-"""Times at which a plan may branch off from the current plan, as fractions of its duration."""
+"""Times at which a plan may branch off from the current one, as fractions of its duration."""
 
 BRANCH_HORIZON_SHARE = 0.6
-"""Planning horizon of a plan that branches off, as a fraction of the normal horizon."""
+"""Planning horizon of a plan that branches off, as a fraction of the usual horizon."""
 
 BRANCH_TOLERANCE = 1e-2
-"""Accepted excess of the duration of a plan that branches off over the optimum, relative to it."""
+"""Accepted excess of the duration of a plan that branches off, relative to the optimum."""
 
 
 def plan(request: Request, limits: JointLimits) -> Plan | None:
@@ -136,8 +140,8 @@ def _fresh(
 def _branch(request: Request, fraction: float, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan that follows the current plan for a fraction of its duration, or None.
 
-    A motion that uses its limits fully may have no alternative for some time. It has more freedom
-    after it has started to brake for its end.
+    After this fraction, the plan takes the fastest timing through the request's points. It is
+    needed because a motion that uses its limits fully may allow no change before it brakes.
     """
     current_timing, current_knots = request.current_timing, request.current_knots
     if current_timing is None or current_knots is None or effort.used_up:
@@ -166,7 +170,7 @@ def _branch(request: Request, fraction: float, limits: JointLimits, effort: Effo
 
 
 def _simple(request: Request, first: Path, limits: JointLimits) -> Plan | None:
-    """Return a plan of one move along the path, which may be slow, or None if none was found."""
+    """Return a plan of a single move along the path, which may be slow, or None."""
     effort = Effort(URGENT_SHARE * MAX_EFFORT_US)
     path, problem, _ = within_horizon(request, first, limits, effort)
     timing = ruckig_move.propose(problem)
@@ -174,14 +178,12 @@ def _simple(request: Request, first: Path, limits: JointLimits) -> Plan | None:
 
 
 def _straight(request: Request, limits: JointLimits) -> Plan | None:
-    """Return a plan from rest straight to rest at the next point, or None if none was found."""
     path = line(request.knots, request.points[0], limits)
     timing = ruckig_move.only_move(problem_of(request, path, limits, 1.0, Effort()))
     return None if timing is None else Plan(request.start, path.knots, timing, 'straight')
 
 
 def _path(request: Request, knots: Knots, limits: JointLimits) -> Path:
-    """Return the path along some knots of the current path, and then through the points."""
     points = request.points[len(knots.u) - len(request.knots.u) :]
     if not len(points):
         return Path(knots)

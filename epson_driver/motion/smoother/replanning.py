@@ -13,31 +13,30 @@ from epson_driver.motion.smoother.commanded_times import stopping_time
 from epson_driver.motion.smoother.execution import Execution
 from epson_driver.motion.smoother.path import Knots, Path
 from epson_driver.motion.smoother.request import ActivePlan, Plan, Request
-from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 from epson_driver.motion.smoother.waypoints import Waypoint, Waypoints
+from epson_driver.motion.time_parametrisation import TimeParametrisation
 
-START_DELAY_S = 0.03
-"""Delay of a start from rest to a short motion, s, during which more points may arrive."""
+START_DELAY_S = 0.025
+"""Delay before a short motion starts from rest, s. More points may arrive during this time."""
 
 MAX_START_DELAY_S = 0.1
-"""Maximum delay of a start from rest, s. A start waits if the points have times and the motion
-through the known points would end before the next plan."""
+"""Maximum of this delay, s, used if the points have times and the known motion would end before
+the next plan."""
 
 MIN_PERIOD_S = 0.03
-"""Minimum time between two plans, s."""
+"""Minimum time between two plans."""
 
 MIN_POINTS = 3
-"""Minimum number of points in a request, if as many are known."""
 
 RESERVE_IN_STOPPING_TIMES = 2.5
-"""The reserve, the last part of a plan in which it may be replaced, in multiples of the stopping
-time."""
+"""Duration of the reserve, in stopping times. It is the last part of a plan, during which the plan
+may be replaced."""
 
 URGENT_RESERVE_SHARE = 0.4
-"""Last fraction of the reserve, in which even a plan with a slow motion is accepted."""
+"""Last fraction of the reserve, during which even a plan with a slow motion is accepted."""
 
 LATE_TOLERANCE_S = 1e-9
-"""Maximum time by which a plan may start in the past because of rounding, s."""
+"""Maximum time by which a plan may start in the past because of rounding."""
 
 Planner = Callable[[Request, JointLimits], Plan | None]
 """Function that returns a verified plan, or None if none was found."""
@@ -47,10 +46,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PendingRequest:
-    """A request whose plan has not arrived yet.
-
-    route: waypoints at its knots and points. more: whether waypoints after the route are known.
-    """
+    """A request whose plan is awaited. more: whether waypoints after its route are known."""
 
     request: Request
     route: list[Waypoint]
@@ -60,8 +56,9 @@ class PendingRequest:
 class Replanning:
     """Replaces the executed plan by a better one before it ends at rest.
 
-    With a `planner`, `plan_now` plans. Without one, the caller plans each `request` and passes the
-    plan to `take`. One request is pending at a time. A plan starts `latency` s after its request.
+    With a `planner`, `plan_now` plans. Without a planner, the caller plans each `request` and
+    passes the plan to `take`. At most one request is pending. A plan starts `latency` s after its
+    request.
     """
 
     def __init__(
@@ -78,35 +75,29 @@ class Replanning:
         self.latency = latency
         self._catch_up = catch_up
         self.news = False
-        """Whether another plan may be better than the last one, e.g. because of new points."""
+        """Whether a new plan may be better than the last plan, e.g. because of new points."""
         self.planner_errors = 0
-        """Number of exceptions in the planner."""
         self.planner_error: Exception | None = None
-        """Last exception in the planner, or None."""
         self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(waypoints.limits)
         self._pending: PendingRequest | None = None
         self._request_time = -np.inf
 
     def forget(self) -> None:
-        """Discard the pending request and the next plan."""
         self._pending = self._execution.next = None
         self.news = False
 
     def start_over(self) -> None:
-        """Discard the pending request and the next plan, and replan the points."""
         self.forget()
         self.news = True
         self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(self._waypoints.limits)
 
     def plan_now(self) -> None:
-        """Plan if there is a planner and a plan is due."""
         if self._planner is not None:
             request = self.request()
             if request is not None:
                 self.take(self._planned(self._planner, request))
 
     def request(self) -> Request | None:
-        """Return the next planning request, or None if none is due or one is pending."""
         pending = self._pending is not None or self._execution.next is not None
         if pending or not self._should_plan():
             return None
@@ -116,9 +107,9 @@ class Replanning:
         return self._pending.request
 
     def take(self, answer: Plan | None) -> bool:
-        """Accept the plan for the last request. Return whether it is used.
+        """Accept the plan for the last request. Return whether the plan is used.
 
-        answer: the plan, or None if none was found. A plan that is too late is not used.
+        answer: the plan, or None if the planner found none. A plan that is too late is not used.
         """
         execution = self._execution
         pending, self._pending = self._pending, None
@@ -206,10 +197,8 @@ class Replanning:
         if plan is None:
             position = execution.motion.position
             zeros = np.zeros((1, len(position)))
-            start_knots, route = (
-                Knots(np.zeros(1), position[None, :], zeros, zeros),
-                [waypoints.origin],
-            )
+            start_knots = Knots(np.zeros(1), position[None, :], zeros, zeros)
+            route = [waypoints.origin]
             state = (0.0, 0.0, 0.0)
         else:
             branch = execution.now + self.latency
@@ -230,12 +219,11 @@ class Replanning:
         reached = route[0].clock if plan is None else plan.clock(branch)
         more = self._extend(route, reached + horizon)
         if current_knots is not None and len(current_knots.u) > len(route):
-            current_knots = current_timing = (
-                None  # the current plan includes points beyond this request
-            )
+            # the current plan includes points beyond this request
+            current_knots = current_timing = None
         points = [point.position for point in route[known:]]
         clocks = np.array([point.clock for point in route])
-        clocks[0] += route[0].rest or 0.0  # a rest there is over
+        clocks[0] += route[0].rest or 0.0  # the rest at the first waypoint is over
         request = Request(
             start,
             state,
@@ -255,9 +243,10 @@ class Replanning:
         return PendingRequest(request, route, more)
 
     def _extend(self, route: list[Waypoint], end: float) -> bool:
-        """Add the waypoints up to the next rest to the route. Return False if all were added.
+        """Add waypoints up to the next rest to the route. Return False if all of them were added.
 
-        After the commanded time `end`, s, only waypoints among the first MIN_POINTS are added.
+        end: time, s. A waypoint with a later commanded time is added only if fewer than MIN_POINTS
+        have been added.
         """
         waypoints = self._waypoints
         known = len(route)

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The request to the planner, its plan, and the problem that it solves.
 
-u is the path parameter, u̇ and ü are its derivatives by time, and q′ is the derivative of the
-joint positions by u.
+u is the path parameter, u̇ and ü are its time derivatives, and q′ is the derivative of the joint
+positions with respect to u.
 
-Requests and plans can be pickled, so that a separate process can plan. The computing effort of a
-plan is estimated from the dominant operations instead of measured, so that plans are reproducible.
-Its unit is 1 µs on one core of a PC of 2024.
+A separate process can plan, because requests and plans can be pickled. The computing effort of a
+plan is not measured, but estimated from the dominant operations, so that plans are reproducible.
+The unit of the effort is 1 µs on one core of a PC of 2024.
 """
 
 import math
@@ -19,8 +19,8 @@ import numpy.typing as npt
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.limit_usage import LimitUsage, limit_usage
 from epson_driver.motion.smoother.path import Knots, Path
-from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
 from epson_driver.motion.smoother.waypoints import Waypoint
+from epson_driver.motion.time_parametrisation import State, TimeParametrisation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,19 +28,20 @@ class Request:
     """A planning request: start from a state, follow a path along k knots, then pass m points."""
 
     start: float | None
-    """Start time of the plan on the smoother's clock, s. None: the arm is at rest, and the plan
-    starts when it arrives."""
+    """Start time of the plan on the smoother's clock, s. None: the arm is at rest, and the motion
+    starts as soon as the planner has returned the plan."""
     state: State
     """Path parameter u at the start, and its derivatives u̇ and ü."""
     knots: Knots
     """First knots of the path: the current path's knots around `state`, or one knot at rest."""
     current_knots: Knots | None
-    """All knots of the current path from the last one before `state`. None at rest, and if the
-    current path includes points beyond this request."""
+    """All knots of the current path, from the last knot before `state`. None if the arm is at
+    rest, or if the current path includes points beyond this request."""
     points: Array
     """Positions after the knots, shape (m, n), rad."""
     clock: Array
-    """Time at which each knot and point should be reached, from any zero, shape (k + m,), s."""
+    """Time at which each knot and point should be reached, s, shape (k + m,). The zero of these
+    times is arbitrary."""
     timed: npt.NDArray[np.bool_]
     """Whether each time in `clock` is commanded instead of estimated, shape (k + m,)."""
     lag: float
@@ -50,21 +51,21 @@ class Request:
     horizon: float
     """Approximate maximum duration of the planned motion, s."""
     urgent: bool
-    """Whether to accept a plan with a slow motion if no other plan is found."""
+    """Whether to accept a plan with a slow motion if no faster plan is found."""
     current_timing: TimeParametrisation | None = None
-    """The current plan's timing from `state` on, along `current_knots`, or None."""
+    """The current plan's timing along `current_knots`, starting at `state`, or None."""
     whole: bool = False
-    """Whether the trajectory ends at the last point."""
+    """Whether the last point of the request is also the end of the trajectory."""
     catch_up: float = math.inf
     """Maximum ratio of the speed to the commanded speed while a motion makes up a delay."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """A motion from `start` (see Request): a path through knots, and the timing on it.
+    """A motion that begins at `start` (see Request): a path through knots, and the timing on it.
 
-    The knots are the request's knots and points, or the first of them. proposer: name of the
-    algorithm that has found the timing.
+    The knots are the request's knots and points, or only the first of them. proposer: name of the
+    algorithm that found the timing.
     """
 
     start: float | None
@@ -79,11 +80,11 @@ PASSED_TYPES = (Request, Plan, Knots, TimeParametrisation, JointLimits)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ActivePlan:
-    """A plan that is executed from the time `start`, s.
+    """A plan whose execution starts at the time `start`, s.
 
-    * route: the waypoint at each knot of the path.
-    * clocks: time at which each waypoint should be reached, shape (k,), s.
-    * pause: whether the plan comes to rest as soon as possible instead of at the path's end.
+    route, clocks: the waypoint at each knot of the path, and the time at which the knot should be
+    reached, s. pause: whether the plan comes to rest as soon as possible instead of at the path's
+    end.
     """
 
     path: Path
@@ -95,7 +96,6 @@ class ActivePlan:
 
     @property
     def end(self) -> float:
-        """Time at which the motion comes to rest at the end of the plan, s."""
         return self.start + self.timing.duration
 
     @property
@@ -107,37 +107,32 @@ class ActivePlan:
         )
 
     def clock(self, time: float) -> float:
-        """Return when the position at `time` should be reached, s, interpolated in `clocks`."""
+        """Return the commanded time of the position at `time`, s, by interpolation of `clocks`."""
         u, _, _ = self.timing.at(time - self.start)
         return float(np.interp(u, self.path.knots.u, self.clocks))
 
 
 MAX_EFFORT_US = 46_000
-"""Maximum computing effort of a plan, µs."""
 
 NEWTON_STEP_US, ROW_US = 90, 0.032
-"""Effort of a Newton step of `interior_point`, and of each of its rows, µs."""
+"""Fixed effort of a Newton step of `interior_point`, and additional effort per row."""
 
 VERIFICATION_US, PIECE_US = 600, 2.5
-"""Effort of the verification of a timing, and of each of its pieces, µs."""
+"""Fixed effort of verifying a timing, and additional effort per piece."""
 
 OUTSET_US, ROUND_US = 2_500, 1_500
-"""Effort of a path with its speed bounds, and fixed effort of a round of Newton steps, µs."""
+"""Effort of preparing a path and its speed bounds, and fixed effort of a round of Newton steps."""
 
 
 @dataclass(slots=True)
 class Effort:
-    """The remaining effort of a plan, `left`, µs."""
-
     left: float = MAX_EFFORT_US
 
     @property
     def used_up(self) -> bool:
-        """Whether the effort is exhausted."""
         return self.left <= 0.0
 
     def spend(self, effort: float) -> None:
-        """Consume an effort, µs."""
         self.left -= effort
 
 
@@ -145,9 +140,9 @@ class Effort:
 class Problem:
     """The planning problem: the fastest motion from the state `start` to rest at the path's end.
 
-    * commanded: increasing path parameters u, and the maximum u̇² at each, shapes (c,). It is
-      linear between two of them. None: only the limits apply.
-    * effort: the available computing effort.
+    commanded: the speed limit that follows from the commanded times, or None if there are none. It
+    consists of increasing path parameters u, and the maximum u̇² at each of them. Between two of
+    them, the maximum u̇² is interpolated linearly.
     """
 
     path: Path
@@ -158,25 +153,20 @@ class Problem:
 
     @property
     def end(self) -> float:
-        """Path parameter u at which the motion comes to rest."""
         return self.path.end
 
     def usage(self, timing: TimeParametrisation) -> LimitUsage:
-        """Return the usage of the limits by a timing on the path."""
         self.effort.spend(VERIFICATION_US + PIECE_US * len(timing.jerks))
         return limit_usage(self.path, timing, self.limits)
 
     def fastest(self, first: Array) -> Array:
-        """Return the highest speeds u̇ that the velocity limits allow at m samples, shape (m,).
-
-        first: derivatives q′ of the path, shape (m, n).
-        """
+        """Return the highest u̇ that the velocity limits allow where q′ is `first`, (m, n)."""
         with np.errstate(divide='ignore'):
             bounds: Array = np.min(self.limits.velocity / np.abs(first), axis=1)
         return bounds
 
     def target_speeds(self, us: Array, first: Array) -> Array:
-        """Return the highest speeds u̇ that the velocity limits and `commanded` allow, shape (m,).
+        """Return the highest u̇ that the velocity limits and `commanded` allow, shape (m,).
 
         us: path parameters, shape (m,). first: derivatives q′ of the path at them, shape (m, n).
         """

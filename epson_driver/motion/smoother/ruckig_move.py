@@ -2,51 +2,49 @@
 # SPDX-License-Identifier: Apache-2.0
 """Timings that are a single jerk-limited move along the path, or a stop, found by Ruckig.
 
-u is the path parameter, u̇, ü, u⃛ are its derivatives by time, and q′ is the derivative of the
-joint positions by u.
+u is the path parameter, u̇, ü, u⃛ are its time derivatives, and q′ is the derivative of the joint
+positions with respect to u.
 """
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter
 
-from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.point_to_point import calculated
 from epson_driver.motion.smoother.limit_usage import BACKWARD_SPEED
-from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.request import Problem
-from epson_driver.motion.smoother.time_parametrisation import (
+from epson_driver.motion.time_parametrisation import (
     State,
     TimeParametrisation,
     from_ruckig,
 )
 
 REACHES_IN_STOPPING_DISTANCES = (0.75, 0.25, 0.08, 0.025, 0.008, 0.0025)
-"""Lengths of a move that are tried, in stopping distances of a joint at its velocity limit."""
+"""Lengths of a move that are tried. The unit is the stopping distance from the velocity limit."""
 
 SLOW_TIME_RATIO = 5.0
-"""A move is slow if it takes more than this multiple of the time at the highest speed plus a stop.
-A sharp bend slows down the whole move, because the move has a single maximum speed. Then a move
-that ends before the bend is better."""
+"""A move is slow if it takes more than this multiple of the sum of the time at the highest speed
+and the time of a stop. A sharp bend slows down the whole move, so a move that ends before the bend
+is better."""
 
 HARDNESS_SHARES = (0.999, 0.9, 0.5, 0.2)
-"""Fractions of the acceleration and jerk allowed by the path's slope alone, which are tried. The
-first one is slightly below 1 because of rounding on a path without bends."""
+"""Accelerations and jerks that are tried, as fractions of those that the path's slope allows. The
+first is below 1 because of rounding on a path without bends."""
 
 SPEED_BISECTIONS = 6
 
 MAX_SPEED = 10.0
-"""Maximum u̇, for a path on which no joint moves. Otherwise u̇ is about 1 at full speed."""
+"""Maximum u̇ on a path where no joint moves. Otherwise u̇ is about 1 at full speed."""
 
 MIN_SPEED_SHARE = 3e-3
-"""Lowest speed that is tried, as a fraction of the highest speed."""
+"""Lowest speed that is tried, as a fraction of the highest."""
 
 
 def propose(problem: Problem) -> TimeParametrisation | None:
     """Return the verified move with the highest mean speed, or None if none was found.
 
-    The move may end before the end of the path. If all moves are slow, a start from rest uses the
-    shortest one. If the arm already moves, the result is None in this case, because the current
-    plan ends soon and a start from rest has more options.
+    The move may end before the end of the path. If all moves are slow, the result is the shortest
+    move if the arm is at rest, and None if it moves. (The current plan then brings the arm to rest
+    soon, and a start from rest has more options.)
     """
     limits = problem.limits
     unit = float(
@@ -82,10 +80,7 @@ def only_move(problem: Problem) -> TimeParametrisation | None:
 
 
 def _rank(timing: TimeParametrisation, longest: float) -> tuple[float, float]:
-    """Return the sort key of a move, which prefers moves that are not slow, then faster moves.
-
-    longest: duration above which a move is slow, s.
-    """
+    """Return the sort key of a move. A longer one than `longest` s ranks below all others."""
     if timing.duration > longest:
         return -timing.duration, 0.0
     return 0.0, (timing.end - float(timing.positions[0])) / timing.duration
@@ -96,7 +91,7 @@ def _fastest(
 ) -> TimeParametrisation | None:
     """Return the verified move to u = `end` with the highest speed, by bisection, or None.
 
-    A speed can also be too low for the initial state, so that the move would reverse.
+    The speed has a lower bound, because with less the move would reverse from the initial state.
     """
     low, high = velocity * MIN_SPEED_SHARE, velocity
     result: TimeParametrisation | None = None
@@ -132,22 +127,6 @@ def stop(problem: Problem) -> TimeParametrisation | None:
     return None
 
 
-def gentle_stop(
-    start: State, path: Path, limits: JointLimits, hardness: float = 0.5
-) -> TimeParametrisation | None:
-    """Return a stop on the path that is not verified, or None if none was found.
-
-    hardness: fraction of the acceleration and jerk that the path's slope at the start allows.
-    """
-    _, first, _ = path.at(start[0])
-    with np.errstate(divide='ignore'):
-        return brake(
-            start,
-            hardness * float(np.min(limits.acceleration / np.abs(first))),
-            hardness * float(np.min(limits.jerk / np.abs(first))),
-        )
-
-
 def move(
     start: State, end: float, velocity: float, acceleration: float, jerk: float
 ) -> TimeParametrisation | None:
@@ -166,7 +145,6 @@ def move(
 
 
 def brake(start: State, acceleration: float, jerk: float) -> TimeParametrisation | None:
-    """Return the fastest stop within bounds of ü and u⃛, or None if none was found."""
     inp = InputParameter(1)
     inp.control_interface = ControlInterface.Velocity
     inp.current_position, inp.current_velocity, inp.current_acceleration = (
@@ -187,7 +165,7 @@ def _solved(inp: InputParameter) -> TimeParametrisation | None:
 
 
 def slope_bounds(problem: Problem, end: float) -> tuple[float, float, float]:
-    """Return upper bounds of u̇, ü, u⃛ on the path up to u = `end`, from its slope q′ alone."""
+    """Return upper bounds of u̇, ü, u⃛ on the path up to u = `end` that follow from q′ alone."""
     us = np.linspace(problem.start[0], end, 64)
     _, first, _, _ = problem.path.sample(us)
     limits = problem.limits

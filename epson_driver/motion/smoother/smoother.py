@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The smoother, which makes one smooth motion of points while they arrive."""
+"""The smoother, which turns points into one smooth motion while they arrive."""
 
 import logging
 import math
@@ -34,8 +34,8 @@ class Smoother:
     * If the planner raises, the current plan continues. `planner_errors` counts these exceptions,
       and `planner_error` is the last one.
 
-    `catch_up`: approximate maximum ratio to the commanded speed at which a late motion makes up
-    time. With 1, it stays late. `observer` is called with every new motion.
+    `catch_up`: approximate maximum ratio of the speed to the commanded speed while a late motion
+    makes up time. With 1, the motion stays late. `observer` is called with every new motion.
 
     Raises ValueError if `position` is invalid or outside the limits, or `catch_up` is below 1.
     """
@@ -59,8 +59,6 @@ class Smoother:
         self._guard = OutputGuard(self.motion)
         self.violations = 0
         self.violation: Violation | None = None
-
-    # --- input ------------------------------------------------------------------------------
 
     def append(self, position: Array, duration: float | None = None) -> None:
         """Append a point, shape (n,), rad.
@@ -86,9 +84,9 @@ class Smoother:
     def replace(self, points: Array, durations: Sequence[float | None] | None = None) -> None:
         """Discard all points, and move through other points, shape (k, n), from any state.
 
-        A moving arm moves in joint space to the first of them, where it rests for an instant. If
-        this is impossible, or the arm is `held`, it stops first. Raises ValueError, and changes
-        nothing, if an argument is invalid or a point is outside the position limits.
+        A moving arm moves in joint space to the first of these points, and rests there for an
+        instant. If this is impossible, or the arm is `held`, it stops first. Raises ValueError,
+        and changes nothing, if an argument is invalid or a point is outside the position limits.
         """
         times = [None] * len(points) if durations is None else durations
         if len(times) != len(points):
@@ -109,12 +107,9 @@ class Smoother:
             self.append(point, duration)
 
     def change_limits(self, limits: JointLimits) -> None:
-        """Replace the limits. The points remain.
-
-        The position limits may not change. Raises RuntimeError unless the arm is `at_rest`.
-        """
+        """Replace the limits, except the position limits. Raises RuntimeError unless `at_rest`."""
         if not self.at_rest:
-            raise RuntimeError('the limits of a motion cannot change: only at rest')
+            raise RuntimeError('the limits can only change while the arm is at rest')
         paused = self._execution.plan
         if paused is not None:  # the path's u depends on the old velocity limits
             self._execution.rest_between(paused, paused.timing.end)
@@ -123,7 +118,7 @@ class Smoother:
 
     @property
     def held(self) -> bool:
-        """Whether the arm is at rest on its path, or brakes to rest, until `resume`."""
+        """Whether the arm rests on its path, or brakes to rest, because of `hold`."""
         return self._execution.held
 
     def hold(self) -> None:
@@ -139,17 +134,11 @@ class Smoother:
         self._execution.held = False
 
     def _forget(self) -> None:
-        """Discard all points and the plans for them. The motion continues."""
         self._waypoints.forget()
         self._replanning.forget()
 
-    # --- output -----------------------------------------------------------------------------
-
     def step(self, dt: float) -> Motion:
-        """Advance time by `dt` s, and return the motion at the new time.
-
-        Raises ValueError if `dt` is negative or not finite.
-        """
+        """Advance time by `dt` s, ≥ 0, and return the motion at the new time."""
         if not 0.0 <= dt < math.inf:  # NaN too
             raise ValueError(f'dt = {dt} s: must be 0 or more')
         execution = self._execution
@@ -162,7 +151,10 @@ class Smoother:
         return self._guarded(dt)
 
     def _guarded(self, dt: float) -> Motion:
-        """Return the current motion. If it exceeds a limit, brake from the output `dt` s ago."""
+        """Return the current motion. If it exceeds a limit, brake from the previous output.
+
+        dt: time since the previous output, s.
+        """
         motion = self.motion
         violation = self._guard.violation(motion, dt, self.limits)
         if violation is None:
@@ -181,12 +173,10 @@ class Smoother:
 
     @property
     def motion(self) -> Motion:
-        """Current commanded position, velocity and acceleration."""
         return self._execution.motion
 
     @property
     def now(self) -> float:
-        """Elapsed time, s."""
         return self._execution.now
 
     @property
@@ -208,10 +198,7 @@ class Smoother:
 
     @property
     def look_ahead(self) -> float:
-        """Duration of the known motion, s, from the commanded times.
-
-        Segments without a commanded time count with their duration at full speed.
-        """
+        """Duration of the known motion, s. A segment without a time counts as at full speed."""
         execution, waypoints = self._execution, self._waypoints
         if execution.plan is None or execution.stopping:
             return waypoints.time_from_rest(execution.now)
@@ -219,20 +206,11 @@ class Smoother:
 
     @property
     def points_ahead(self) -> int:
-        """Number of points that the motion has not reached yet."""
         return len(self._waypoints.ahead)
-
-    # --- limits and planning ----------------------------------------------------------------
 
     @property
     def limits(self) -> JointLimits:
-        """Limits of the joints, as set by `change_limits`."""
         return self._waypoints.limits
-
-    @property
-    def mode(self) -> Mode:
-        """Meaning of the points' durations."""
-        return self._waypoints.mode
 
     @property
     def latency(self) -> float:
@@ -244,22 +222,17 @@ class Smoother:
         self._replanning.latency = value
 
     def request(self) -> Request | None:
-        """Return the next planning request, or None if none is due or one is pending."""
+        """Return the next planning request. None: no request is due, or one is pending."""
         return self._replanning.request()
 
     def take(self, answer: Plan | None) -> bool:
-        """Accept the plan for the last request. Return whether it is used.
-
-        answer: the plan, or None if none was found. A plan that is too late is not used.
-        """
+        """Accept the plan for the last request. Return False if the plan is None or too late."""
         return self._replanning.take(answer)
 
     @property
     def planner_errors(self) -> int:
-        """Number of exceptions in the planner."""
         return self._replanning.planner_errors
 
     @property
     def planner_error(self) -> Exception | None:
-        """The last exception of the planner, or None."""
         return self._replanning.planner_error

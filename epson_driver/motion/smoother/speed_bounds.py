@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The fastest speeds on a path, mostly without regard to jerk, from which `optimal` starts.
+"""The fastest speeds on a path, which mostly ignore the jerk limits. `optimal` starts from them.
 
 u is the path parameter, x = u̇² the square of the speed, and q″, q‴ are the second and third
-derivative of the joint positions by u. The method integrates dx/du = 2ü, once backward and once
-forward (Bobrow et al. 1985).
+derivative of the joint positions with respect to u. The method integrates dx/du = 2ü, once
+backward and once forward (Bobrow et al. 1985).
 """
 
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ from epson_driver.motion.smoother.request import Problem
 
 ACCELERATION_SHARE = 0.8
 CURVATURE_SHARE = 0.7
-"""Fractions of the acceleration limit that are used: ACCELERATION_SHARE in total, CURVATURE_SHARE
-for q″u̇² alone. CURVATURE_SHARE is also the fraction of the jerk limit for q‴u̇³."""
+"""ACCELERATION_SHARE: used fraction of the acceleration limit. CURVATURE_SHARE: fraction of the
+acceleration limit that q″u̇² alone may use, and of the jerk limit that q‴u̇³ may use."""
 
 MIN_SAMPLES = 160
 """Minimum number of samples of a path. There are at least two per segment."""
@@ -28,7 +28,7 @@ MANY_KNOTS = 400
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpeedProfile:
-    """Speeds u̇ at path parameters u, and the times since the first of them, s, shapes (m,)."""
+    """Speeds u̇ at path parameters u, and the times from the first u to each u, s, shapes (m,)."""
 
     positions: Array
     speeds: Array
@@ -52,7 +52,7 @@ class SpeedBounds:
         self.speeds = np.minimum(
             problem.target_speeds(us, first), np.minimum(np.sqrt(curvature), np.cbrt(twist))
         )
-        # the acceleration that the curvature leaves for ü at the speed bound
+        # at the speed bound, the part of the acceleration that the curvature leaves for ü
         remaining = ACCELERATION_SHARE * limits.acceleration
         remaining = remaining - np.abs(second) * self.speeds[:, None] ** 2
         with np.errstate(divide='ignore'):

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The square of the speed along a path, x(u) = u̇², as a quadratic B-spline between two ramps.
 
-u is the path parameter. ü = x′/2 and u⃛ = x″√x/2, so a joint's limit at one u is a constraint of
-three coefficients. Near rest, x ∝ u^(4/3), which is no polynomial. Therefore a timing starts and
-ends with a ramp of constant jerk.
+u is the path parameter. Because ü = x′/2 and u⃛ = x″√x/2, a joint's limit at one u constrains
+three coefficients. Near rest, x is proportional to u^(4/3), which is no polynomial. Therefore a
+timing starts and ends with a ramp of constant jerk.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from epson_driver.motion.limits import Array
-from epson_driver.motion.smoother.time_parametrisation import (
+from epson_driver.motion.time_parametrisation import (
     State,
     TimeParametrisation,
     from_pieces,
@@ -26,14 +26,13 @@ _GAUSS = _GAUSS + 0.5
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """A ramp of constant jerk that starts or ends at rest. Without a ramp, both values are 0."""
+    """A ramp of constant jerk that starts or ends at rest. Both values are 0 if it is missing."""
 
     jerk: float
     time: float
 
     @property
     def length(self) -> float:
-        """Length of the ramp, in path parameter u."""
         return self.jerk * self.time**3 / 6.0
 
     @property
@@ -43,16 +42,14 @@ class Ramp:
 
     @property
     def acceleration(self) -> float:
-        """Magnitude of ü at the faster end of the ramp."""
         return self.jerk * self.time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpeedSpline:
-    """Square of the speed, x(u), on N intervals of the path parameter u between two ramps.
+    """Square of the speed, x(u), on N intervals between two ramps.
 
-    nodes: ends of the intervals, shape (N + 1,). coefficients: shape (N + 2,). On interval i, x
-    depends on the coefficients i to i + 2.
+    The spline has N + 2 coefficients. On interval i, x depends on the coefficients i to i + 2.
     """
 
     start_ramp: Ramp
@@ -62,14 +59,12 @@ class SpeedSpline:
 
     @property
     def lengths(self) -> Array:
-        """Lengths of the intervals, shape (N,)."""
         return np.diff(self.nodes)
 
     def timing(self, start: State, end: float) -> TimeParametrisation | None:
-        """Return the timing with the spline's u, u̇, ü at its nodes, or None if a sampled x ≤ 0.
+        """Return a timing with the spline's u, u̇ and ü at the nodes, or None if a sampled x ≤ 0.
 
-        Between two nodes it has three pieces of constant jerk and equal duration, because fewer
-        cannot match u, u̇ and ü at both nodes.
+        Between two nodes, it has three pieces of constant jerk and equal duration.
         """
         h = self.lengths
         count = len(h)
@@ -93,14 +88,10 @@ class SpeedSpline:
 
 
 def basis(h: Array, interval: npt.NDArray[np.intp], part: Array) -> Array:
-    """Return, for each of m samples, the matrix from spline coefficients to x and its derivatives.
+    """Return the matrix from spline coefficients to x, x′ and x″ for each of m samples, (m, 3, 3).
 
-    The matrices, shape (m, 3, 3), map the three coefficients of the sample's interval to x, x′ and
-    x″, the derivatives by u.
-
-    * h: length of each interval, shape (N,).
-    * interval: index of each sample's interval, shape (m,).
-    * part: position of each sample in its interval, [0, 1], shape (m,).
+    A matrix applies to the three coefficients of the sample's interval. h: lengths of the N
+    intervals. part: position of each sample in its interval, [0, 1].
     """
     before = np.append(0.0, h[:-1])[interval]
     after = np.append(h[1:], 0.0)[interval]

@@ -14,13 +14,13 @@ MERGE_TOLERANCE = 5e-4
 """Distance below which two points are merged into one, rad or m in every joint."""
 
 MIN_DWELL_S = 0.2
-"""A repeated point commands a rest if its duration is at least this, s."""
+"""Minimum duration of a repeated point that counts as a commanded rest, s."""
 
 MIN_MOVE = 5e-7
-"""Distance below which an arm at rest ignores a move, rad or m, because messages carry float32."""
+"""Minimum move of an arm at rest, rad or m. Less is ignored, because messages carry float32."""
 
 POSITION_TOLERANCE = 1e-9
-"""Excess of a position limit that counts as rounding, rad or m."""
+"""Rounding at a position limit, rad or m."""
 
 
 class Mode(StrEnum):
@@ -39,12 +39,11 @@ class Waypoint:
     """A point of the motion, possibly merged from several received points."""
 
     index: int
-    """Sequence number."""
     anchor: Array
     """Position of the first merged point, shape (n,)."""
     position: Array
-    """Target, shape (n,): the last merged point, or the anchor as soon as another waypoint
-    follows."""
+    """Target, shape (n,). It is the last merged point, until another waypoint follows. After that
+    it is the anchor."""
     clock: float = 0.0
     """Time at which the waypoint should be reached, s."""
     timed: bool = False
@@ -52,16 +51,17 @@ class Waypoint:
     rest: float | None = None
     """Duration of the rest at the waypoint, s, or None to pass through."""
     tiny: bool = False
-    """Whether the move to the waypoint, from rest, is shorter than the merge tolerance."""
+    """Whether the move to the waypoint starts at rest and is shorter than the merge tolerance."""
     arrival: float = 0.0
     """Time at which the point was received, s."""
 
 
 class Waypoints:
-    """The points `ahead` of the arm, and the limits against which they are checked.
+    """The points `ahead` of the arm, and the limits against which points are checked.
 
-    `origin` is the waypoint at which the arm has last been at rest. `last` is the last known
-    waypoint, or the origin. Raises ValueError if `start` is invalid or outside the limits.
+    `origin` is the waypoint at which the arm rested last. `last` is the last waypoint ahead, or
+    else the origin.
+    Raises ValueError if `start` is invalid or outside the limits.
     """
 
     def __init__(self, limits: JointLimits, start: Array, mode: Mode) -> None:
@@ -71,24 +71,20 @@ class Waypoints:
         self.origin = self.last = Waypoint(0, start, start)
         self.ahead: deque[Waypoint] = deque()
         self._before = start
-        """Start of the segment to the last waypoint, shape (n,)."""
+        """Start of the segment to the last waypoint."""
         self._merged_since: float | None = None
-        """Time at which the first point was merged into the origin during this rest, s."""
+        """Time of the first point that was merged into the origin during the current rest, s."""
         self._rest_start = 0.0
-        """Start of the rest at the origin, s."""
         self.rest_until = 0.0
         """Commanded end of the rest at the origin, s."""
         self._number = 0
-        """Number of the next point in its trajectory, for error texts."""
+        """Number of the next point within its trajectory, for error texts."""
         self._last_index = 0
 
     def append(
         self, position: Array, duration: float | None, now: float, *, in_motion: bool
     ) -> None:
-        """Add a point, shape (n,), that is received at `now`, s.
-
-        Raises ValueError if the point is invalid.
-        """
+        """Add a point that is received at `now`, s. Raises ValueError if it is invalid."""
         name = f'point {self._number}'
         position = self.checked(position, duration, name)
         if self.mode is Mode.TIME_OPTIMAL:
@@ -111,20 +107,20 @@ class Waypoints:
         self._number += 1
 
     def waiting_since(self) -> float:
-        """Return the time since which a point has been waiting for the arm to start from rest, s.
+        """Return the time at which the first waiting point began to wait for a start from rest, s.
 
-        A point that was merged into the origin before the rest waits since the start of the rest.
+        For a point that was merged into the origin before the rest, it is the start of the rest.
         """
         if self.ahead:
             return self.ahead[0].arrival
         return self._rest_start if self._merged_since is None else self._merged_since
 
     def return_to_origin(self, now: float) -> None:
-        """Add the origin as a point, because the arm is at rest near it instead of at it."""
+        """Add the origin as a point ahead, because the arm rests near the origin, not at it."""
         self._add(self.origin.position, None, now, tiny=True)
 
     def finish(self) -> bool:
-        """End the trajectory with a rest at the last point. Return False if it already ends."""
+        """End the trajectory with a rest at the last point. Return False if it already ends so."""
         self._number = 0
         if self.last.rest is not None:
             return False
@@ -132,16 +128,18 @@ class Waypoints:
         return True
 
     def forget(self) -> None:
-        """Discard the points ahead."""
         self.ahead.clear()
         self._number = 0
 
     def continue_from(self, position: Array) -> None:
-        """Expect a rest at a position, from which the next points are reached."""
+        """Expect that the arm will rest at a position. The next points start there."""
         self.origin = self.last = Waypoint(self._next_index(), position, position)
 
     def arrived(self, now: float, point: Waypoint | None = None) -> None:
-        """Record a rest from `now`, s, at a waypoint. point: None for the origin."""
+        """Record that the arm has come to rest at a waypoint at the time `now`, s.
+
+        point: the waypoint. None: the origin.
+        """
         if point is not None:
             self.origin = point
         self.passed(self.origin)
@@ -155,7 +153,6 @@ class Waypoints:
             self.ahead.popleft()
 
     def near_last(self, position: Array) -> bool:
-        """Return whether a rest at `position` is near the last point, but not at it."""
         if self.last is not self.origin:
             return False
         return bool(np.max(np.abs(self.origin.position - position)) > MIN_MOVE)
@@ -168,8 +165,7 @@ class Waypoints:
     def checked(self, position: Array, duration: float | None, name: str) -> Array:
         """Return a position, clipped to the limits if it exceeds them only by rounding.
 
-        name: name of the point in error texts. Raises ValueError if the position or the duration
-        is invalid.
+        Raises ValueError if the position or the duration is invalid. name: for the error text.
         """
         limits = self.limits
         position = np.array(position, dtype=float)
@@ -197,14 +193,17 @@ class Waypoints:
         return inside
 
     def _turns_back(self, position: Array) -> bool:
-        """Return whether a point is nearer to the last segment's start than half its length."""
+        """Return whether a point turns back to the start of the last segment.
+
+        The point does so if its distance from this start is less than half the segment's length.
+        """
         if self.last is self.origin or self.last.tiny:
             return False
         last, new = np.abs(np.array([self.last.anchor, position]) - self._before).max(axis=1)
         return bool(new < last / 2.0)
 
     def _merge(self, position: Array, duration: float, now: float, in_motion: bool) -> None:
-        """Merge a point into the last waypoint. The point's duration may become a rest there."""
+        """Merge a point into the last waypoint. Its duration may become a rest at the waypoint."""
         last = self.last
         last.position = position
         if last is self.origin and not in_motion:

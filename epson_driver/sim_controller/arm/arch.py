@@ -23,20 +23,17 @@ from epson_driver.tool_motion.curve_motion import (
 
 _KINDS = 'velocity', 'acceleration', 'jerk'
 
-STATIONARY = 1e-9
-"""A joint that moves at most this far along a leg counts as stationary, rad or m."""
-
-ON_LEG = 1e-6
-"""An arm that is at most this far from a leg counts as on the leg, rad or m."""
+STATIONARY = 1e-9  # maximum motion of a stationary joint along a leg, rad or m
+ON_LEG = 1e-6  # maximum distance of an arm that is on a leg, rad or m
 
 UP, ACROSS = 0.2, 0.8
-"""Fractions of the low-power tool speed for a move up or down, and for the move across.
+"""Maximum tool speed of a move up or down, and of the move across.
 
-Two overlapping moves together reach at most the low-power tool speed.
+Both are fractions of the low-power tool speed. Two overlapping moves together reach at most the
+low-power tool speed.
 """
 
 CHECKS = 50
-"""Samples per leg for the joint-range check."""
 
 
 class Leg(Protocol):
@@ -47,22 +44,21 @@ class Leg(Protocol):
     curve: Curve
 
     def limits_and_speed(self, low_power: bool, fraction: float) -> tuple[JointLimits, CurveSpeed]:
-        """Return the joint limits, and the limits of the speed along this leg.
+        """Return the limits along this leg, and the speed.
 
-        fraction: permitted fraction of the low-power tool speed.
+        `fraction`: the part of the low-power tool speed that this leg may use.
         """
 
-    def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion:
-        """Return the motion of this leg alone, starting at rest at `start`."""
+    def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion: ...
 
 
 class Arch:
     """Motion up, across and down. Each move starts before the previous one ends.
 
-    The move across starts when the fraction `leave` of the move up is completed, and ends when the
-    fraction `join` of the move down is. If a joint takes part in two overlapping moves, the move
-    up or down uses at most half of its limits, and the move across the rest. After a pause the
-    remaining moves are executed one after the other.
+    The move across starts when the fraction `leave` of the move up is completed. The move down
+    starts early enough that its fraction `join` is completed when the move across ends. If a joint
+    takes part in two overlapping moves, the move up or down uses at most half of its limits, and
+    the move across the rest. After a pause the remaining moves are executed one after the other.
     """
 
     def __init__(
@@ -74,7 +70,6 @@ class Arch:
         self._across: Part | None = None
 
     def __call__(self, start: Array, low_power: bool) -> JointMoves:
-        """Return the motion from rest at `start`, shape (n,), rad."""
         if np.array_equal(start, self._legs[0].start):
             parts = self._overlapping(low_power)
         else:
@@ -145,19 +140,17 @@ class Arch:
                 np.array([leg.curve.at(fraction)[0] for fraction in fractions]),
                 span.curve.samples,
             )
-            deviations = [path - corner for path in paths]  # each is 0 at the corner
+            deviations = [path - corner for path in paths]  # each deviation is 0 at the corner
             minimum = corner + sum(np.min(item, axis=0) for item in deviations)
             maximum = corner + sum(np.max(item, axis=0) for item in deviations)
             check_range(self._limits, np.array([minimum, maximum]))
 
 
 def is_on_leg(leg: Leg, position: Array) -> bool:
-    """Return whether a joint position, shape (n,), rad, is on a leg."""
     nearest, *_ = leg.curve.at(leg.curve.nearest(position))
     return np.allclose(nearest, position, rtol=0.0, atol=ON_LEG)
 
 
 def changed(limits: JointLimits, by: Callable[[str, Array], Array]) -> JointLimits:
-    """Return limits with velocity, acceleration and jerk computed by `by(name, old limit)`."""
     velocity, acceleration, jerk = (by(kind, getattr(limits, kind)) for kind in _KINDS)
     return replace(limits, velocity=velocity, acceleration=acceleration, jerk=jerk)

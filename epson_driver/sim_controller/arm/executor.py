@@ -14,14 +14,12 @@ from epson_driver.motion import Array, JointLimits, LineMotion
 from epson_driver.sim_controller.arm.overlap import JointMoves
 from epson_driver.tool_motion.curve_motion import CurveMotion
 
-Motion = LineMotion | CurveMotion | JointMoves
-"""A motion from rest to rest."""
+Motion = LineMotion | CurveMotion | JointMoves  # a motion from rest to rest
 
 PathMotion = Callable[[Array, bool], Motion]
-"""Function that returns the motion from rest at a position, shape (n,), rad, to a point.
+"""Function that returns a motion from rest. It respects the limits and must not raise.
 
-The second argument selects low power. The motion must respect the arm's limits. The function must
-not raise.
+Its arguments are the start position, shape (n,), rad, and whether the power is low.
 """
 
 
@@ -32,8 +30,9 @@ class Point:
     * `target`: joint positions within the limits, shape (n,), rad.
     * `velocity`: fraction (0, 1] of the joints' speed (0: not specified).
     * `duration`: time from the previous point, s (0: not specified).
-    * `cp`: whether the motion may blend into the next one (None: the executor's default).
-    * `path`: replaces the straight line in joint space (None). A motion with a path never blends.
+    * `cp`: whether this motion may blend into the next motion (None: the executor's default).
+    * `path`: the path to the target (None: a straight line in joint space). A motion with a path
+    never blends.
     * `setpoint`: whether a stream of setpoints starts with this point.
     """
 
@@ -63,8 +62,7 @@ class Executor(Protocol):
         """Number of points whose motion has started since the executor was created."""
 
     @property
-    def limits(self) -> JointLimits:
-        """The limits that the arm never exceeds."""
+    def limits(self) -> JointLimits: ...
 
     @property
     def position(self) -> Array:
@@ -76,11 +74,14 @@ class Executor(Protocol):
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves or has points to execute, even during a hold."""
+        """Whether the arm moves or still has points to execute, even if it is on hold."""
 
     @property
     def at_rest(self) -> bool:
-        """Whether the arm is at rest and has no motion to start, for example during a pause."""
+        """Whether the arm is at rest and no motion is about to start.
+
+        This includes an arm that is paused before its next motion.
+        """
 
     @property
     def has_room(self) -> bool:
@@ -91,29 +92,25 @@ class Executor(Protocol):
         """Whether the last accepted point may be acknowledged."""
 
     def take(self, point: Point) -> None:
-        """Accept a point, to be executed after the earlier ones. Requires `has_room`."""
+        """Accept a point, which is executed after the earlier points. Requires `has_room`."""
 
     def stop(self) -> bool:
-        """Discard all points, brake, and end a hold.
-
-        Return whether any of the discarded points had been acknowledged.
-        """
+        """Discard all points and brake. Return whether acknowledged points are discarded."""
 
     def hold(self) -> None:
-        """Brake on the path and stay there, keeping the points. Calling it twice is allowed."""
+        """Brake on the path and stay there, and keep the points. Repeated calls are allowed."""
 
-    def resume(self) -> None:
-        """Resume after `hold`, towards the same points."""
+    def resume(self) -> None: ...
 
     def set_position(self, position: Array) -> None:
-        """Set the position, shape (n,), rad, after the arm was moved without power.
+        """Set the joint positions, shape (n,), rad.
 
-        Raises RuntimeError unless the arm is at rest without points.
+        Raises RuntimeError if the arm has points to execute.
         """
 
     def step(self, dt: float) -> float | None:
-        """Advance by `dt` ≥ 0 s, or less if a point is done or the arm comes to rest earlier.
+        """Advance by `dt` ≥ 0 s, or less if a point is completed or the arm comes to rest earlier.
 
-        Return the remaining time, s, for which the program supplies the next point and steps
-        again. Return None if all of `dt` has elapsed.
+        Return None if all of `dt` has elapsed. Otherwise return the remaining time, s: the program
+        then supplies its next point and calls `step` again with the remaining time.
         """

@@ -7,18 +7,14 @@ tool from its axis (1 for a prismatic joint). A joint moves the tool at most at 
 its reach, so the sum over all joints is an upper bound of the tool speed.
 """
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
 
-LOW_POWER = 0.05
-"""Maximum Speed and Accel at Power Low, as a fraction."""
-
-LOW_POWER_TOOL_SPEED = 0.25
-"""Maximum tool speed at Power Low, m/s."""
+LOW_POWER = 0.05  # maximum Speed and Accel, as a fraction
+LOW_POWER_TOOL_SPEED = 0.25  # m/s
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,33 +25,14 @@ class LowPower:
     * tool_speed: maximum tool speed, m/s.
     * reach: largest distance of the tool from each joint's axis, shape (n,), m (1 for a prismatic
       joint).
-
-    Raises ValueError if a value is out of range.
     """
 
     fraction: float
     tool_speed: float
     reach: Array
 
-    def __post_init__(self) -> None:
-        if not 0.0 < self.fraction <= 1.0:
-            raise ValueError(f'fraction = {self.fraction}: must be in (0, 1]')
-        if not 0.0 < self.tool_speed < math.inf:
-            raise ValueError(f'tool_speed = {self.tool_speed}: must be positive and finite')
-        reach = np.array(self.reach, dtype=float)
-        if reach.ndim != 1 or not np.all(np.isfinite(reach) & (reach >= 0.0)):
-            raise ValueError(
-                f'reach = {reach.tolist()}: must be finite and not negative, one per joint'
-            )
-        reach.flags.writeable = False
-        object.__setattr__(self, 'reach', reach)
-
     def limits(self, limits: JointLimits) -> JointLimits:
-        """Return limits that respect the tool speed for any combination of joint motions.
-
-        Raises ValueError if the number of joints differs.
-        """
-        self._check(limits)
+        """Return limits that respect the tool speed for any combination of joint motions."""
         velocity = self.fraction * limits.velocity
         tool = float(velocity @ self.reach)
         if tool > self.tool_speed:  # a joint that does not move the tool is not slowed down
@@ -71,9 +48,7 @@ class LowPower:
         """Return the maximum Speed of a straight move in joint space, a fraction (0, 1].
 
         `direction`, shape (n,), is the displacement of each joint. Its length has no effect.
-        Raises ValueError if the number of joints differs.
         """
-        self._check(limits)
         distances = np.abs(direction)
         # The time that the slowest joint takes for the distance at full speed.
         time = float(np.max(distances / limits.velocity))
@@ -82,14 +57,10 @@ class LowPower:
             return self.fraction
         return min(self.fraction, self.tool_speed * time / tool)
 
-    def _check(self, limits: JointLimits) -> None:
-        if self.reach.shape != limits.velocity.shape:
-            raise ValueError(f'reach: {self.reach.size} values for {len(limits.names)} joints')
-
 
 def low_power_caps(reach: Array, fraction: float = 1.0) -> LowPower:
-    """Return the caps of a robot with these joint reaches, shape (n,), m.
+    """Return the caps of a robot.
 
-    fraction: permitted fraction of the low-power tool speed.
+    `fraction`: the part of the low-power tool speed that the robot may use.
     """
     return LowPower(LOW_POWER, fraction * LOW_POWER_TOOL_SPEED, reach)

@@ -26,15 +26,14 @@ class Part(NamedTuple):
 
     @property
     def end(self) -> float:
-        """End time, s."""
         return self.start + self.move.duration
 
 
 class JointMoves:
     """The sum of moves that overlap in time, as a function of the time.
 
-    The sum respects a joint's limits, even during a stop, if the limits within which its moves
-    were planned add up to at most these.
+    Each move is planned within a part of the joint limits. The sum respects the limits, even
+    during a stop, if these parts add up to no more than the limits.
     """
 
     def __init__(self, origin: Array, parts: Sequence[Part]) -> None:
@@ -47,7 +46,7 @@ class JointMoves:
 
     @property
     def braking(self) -> float:
-        """Time at which the deceleration of the last part starts, s."""
+        """Time at which the last part starts to decelerate, s."""
         last = self._parts[-1]
         return last.start + last.move.braking
 
@@ -63,7 +62,7 @@ class JointMoves:
         return position, velocity, acceleration
 
     def stop(self, time: float) -> 'JointMoves':
-        """Return the fastest stop of each part that has started, on the part's path."""
+        """Return a stop. Each part that has started stops as fast as possible on its path."""
         stops = (
             Part(0.0, part.origin, part.move.stop(time - part.start))
             for part in self._parts
@@ -72,14 +71,9 @@ class JointMoves:
         return JointMoves(self.origin, list(stops))
 
 
-CANDIDATE_STARTS = 24
-"""Number of start times checked together. The earliest allowed one is then refined once."""
-
-LIMIT_TOLERANCE_SHARE = 1e-9
-"""Fraction by which a velocity, acceleration or jerk may exceed its limit (rounding)."""
-
-POSITION_TOLERANCE = 1e-12
-"""A position may exceed its limit by this much because of rounding, rad."""
+CANDIDATE_STARTS = 24  # starts per round. The earliest allowed start is refined once
+LIMIT_TOLERANCE_SHARE = 1e-9  # relative excess over a limit that rounding may cause
+POSITION_TOLERANCE = 1e-12  # excess over a limit that rounding may cause, rad
 
 
 def blend_start(
@@ -96,8 +90,8 @@ def blend_start(
 
     The second move starts at the position where the first ends, at the time `earliest` or later.
     Their sum respects the limits, multiplied by the fractions `speed` and `accel`. `tool`: each
-    joint's reach, shape (n,), m, and the limit of the sum of the joints' speeds times their reach,
-    m/s.
+    joint's reach, shape (n,), m, and the maximum tool speed, m/s. The tool speed is the sum of
+    each joint's speed multiplied by its reach.
     """
     result = first.duration
     if not earliest < result or first.braking == 0.0 or second.braking == 0.0:
@@ -117,9 +111,9 @@ def blend_start(
 
 
 class _Check:
-    """Check of the sum of two moves against the limits, for many start times together.
+    """Checks the sum of two moves against the limits, for many start times of the second move.
 
-    A tool's speed limit is checked like the velocity limit of an additional joint.
+    The tool speed is checked like the speed of an additional joint.
     """
 
     def __init__(
@@ -162,7 +156,10 @@ class _Check:
         )
 
     def __call__(self, starts: Array) -> Array:
-        """Return for each start time whether the sum is allowed while both move, shape (m,)."""
+        """Return whether the sum respects the limits while both moves last, for each start time.
+
+        `starts` and the result have the shape (m,).
+        """
         start = starts[:, None]
         times = np.concatenate(
             [np.broadcast_to(self._first.times, (len(starts), 8)), self._second.times + start],
@@ -202,7 +199,7 @@ class _Check:
 def _states(pieces: Pieces, times: Array, middle: Array) -> tuple[Array, Array, Array, Array]:
     """Return distance, velocity, acceleration and jerk at `times`.
 
-    middle: for each of `times`, a time inside its piece, because a time may be on a boundary.
+    `middle`: a time inside the same piece of the move, for each of the times.
     """
     piece = np.clip(np.searchsorted(pieces.times, middle, side='right') - 1, 0, 7)
     t = times - pieces.times[piece]
@@ -219,6 +216,5 @@ def _states(pieces: Pieces, times: Array, middle: Array) -> tuple[Array, Array, 
 
 
 def _inside(times: Array, length: Array) -> Array:
-    """Return times clipped to 0 … length, with 0 for NaN."""
     inside: Array = np.clip(np.nan_to_num(times, nan=0.0), 0.0, length)
     return inside

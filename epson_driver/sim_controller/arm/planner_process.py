@@ -24,18 +24,10 @@ from epson_driver.processes.worker import (
 )
 from epson_driver.sim_controller.arm.streaming import Answer
 
-START_TIMEOUT_S = 60.0
-"""Time allowed to start the process, s. It takes about 0.5 s on an idle machine."""
-
-PLAN_TIMEOUT_S = 5.0
-"""Time without a plan, s, after which the process counts as stalled and is killed."""
-
+START_TIMEOUT_S = 60.0  # the start takes about 0.5 s on an idle machine
+PLAN_TIMEOUT_S = 5.0  # the process is then killed
 RESTART_DELAY_S = 1.0
-"""Delay before a process that has ended is restarted, s."""
-
-EXIT_TIMEOUT_S = 0.5
-"""Time allowed for the process to exit after its pipe has closed, s, to get its exit code."""
-
+EXIT_TIMEOUT_S = 0.5  # maximum time from the end of its pipe to its exit, s
 WORKER = 'epson_driver.sim_controller.arm.planner_worker'
 
 _log = logging.getLogger(__name__)
@@ -46,10 +38,7 @@ class PlannerError(RuntimeError):
 
 
 class PlannerProcess:
-    """Planner in a child process, used from the event loop.
-
-    The process plans within the joint limits `limits` until a request changes them.
-    """
+    """Planner in a child process, used from the event loop."""
 
     def __init__(self, limits: JointLimits) -> None:
         self._limits = limits
@@ -59,12 +48,10 @@ class PlannerProcess:
 
     @property
     def ready(self) -> bool:
-        """Whether the process accepts a request."""
         return self._child is not None
 
     @property
     def pid(self) -> int | None:
-        """Id of the process, or None if none is running."""
         return None if self._child is None else self._child.pid
 
     async def start(self) -> None:
@@ -75,7 +62,9 @@ class PlannerProcess:
                 child.send(self._limits)
                 await child.receive()
         except TimeoutError:
-            raise PlannerError(f'the motion planner took over {START_TIMEOUT_S:g} s') from None
+            raise PlannerError(
+                f'the motion planner did not start within {START_TIMEOUT_S:g} s'
+            ) from None
         except PlannerError as error:
             raise PlannerError(f'the motion planner {error}') from None
         else:
@@ -85,9 +74,9 @@ class PlannerProcess:
                 await child.end()
 
     def ask(self, request: Request, limits: JointLimits, answer: Answer) -> None:
-        """Request a plan within `limits`. `answer` is called once with the plan, or with None.
+        """Request a plan.
 
-        Raises RuntimeError if a request is pending or the process is not ready.
+        Raises RuntimeError if another request is pending or the planner is not ready.
         """
         if self._answer is not None:
             raise RuntimeError('the planner already has a request')
@@ -105,10 +94,10 @@ class PlannerProcess:
         failed: Callable[[str], None],
         present: Callable[[], AbstractContextManager[object]] = nullcontext,
     ) -> None:
-        """Pass on each plan. If the process ends, call `failed` with the reason and restart it.
+        """Pass each plan to the caller of `ask`. Restart the process whenever it ends.
 
-        Plans and failures are reported within `present()`, which first advances the controller to
-        the current time.
+        `failed` is called with the reason after each such end. All calls are made within
+        `present()`, which first advances the controller to the current time.
         """
         while True:
             if self._child is None:
@@ -126,7 +115,6 @@ class PlannerProcess:
                         self._deliver(plan)
 
     async def close(self) -> None:
-        """End the process."""
         child, self._child = self._child, None
         if child is not None:
             await child.end()
@@ -149,8 +137,6 @@ class PlannerProcess:
 
 
 class _Child:
-    """The process and its pipes."""
-
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         if process.stdin is None or process.stdout is None or process.stderr is None:
             raise ValueError('a process with three pipes is needed')
@@ -176,10 +162,7 @@ class _Child:
         self._requests.write(packed(value))
 
     async def receive(self) -> Any:
-        """Return the next answer.
-
-        Raises PlannerError if the process has exited or has sent invalid bytes.
-        """
+        """Raise PlannerError if the process has exited or has sent invalid bytes."""
         try:
             return await next_value(self._answers, PASSED_TYPES)
         except (OSError, EOFError):

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planning process: reads requests from stdin and writes plans to stdout until stdin closes.
 
-The first message contains the joint limits. The process answers it with None once it is ready.
-Every further message contains a request, and new limits or None if they have not changed.
+The first message contains the joint limits. The process sends None once it is ready. Each further
+message contains a request and the joint limits, or None instead of unchanged limits.
 """
 
 import gc
@@ -17,7 +17,6 @@ from epson_driver.processes.worker import answer_file, read_value, write_value
 
 
 def main() -> None:
-    """Plan until stdin closes, so that the process ends with the controller."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the controller handles it
     answers = answer_file()
     requests = sys.stdin.buffer

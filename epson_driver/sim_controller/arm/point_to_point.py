@@ -5,15 +5,16 @@
 An accepted point is a `Go` statement. The rules:
 * The motion of a statement starts at least `statement_overhead` s after its acceptance. The arm
   does not wait for this time if the previous statement is executing long enough.
-* Without `cp` a statement is executed once the arm is at rest. With it (`Go … CP`) it is executed
-  once its deceleration starts. If the next statement is known by then, the two motions overlap as
-  far as no limit is exceeded. Otherwise the arm comes to rest first. With `late_blend` they also
-  overlap if the next statement arrives during the deceleration, as from a program that continues
-  when the deceleration starts.
+* A statement counts as executed, and the program continues, when the arm is at rest at its target.
+  With `cp` (`Go … CP`) it already counts as executed when the deceleration starts. If the next
+  statement is known by then, the two motions overlap as far as no limit is exceeded. Otherwise the
+  arm comes to rest first. With `late_blend` they also overlap if the next statement arrives during
+  the deceleration.
 * A statement with a `path` follows it from rest to rest and never overlaps.
 * With `acknowledge='done'` a point is acknowledged when it is executed, and only then is the next
   one accepted. With 'taken' it is acknowledged when it is accepted, and up to `look_ahead_points`
   are accepted ahead of the executing one.
+
 """
 
 from collections import deque
@@ -42,8 +43,8 @@ class Statement:
     * ready, duration: earliest start, s, and minimum duration, s (0: not specified).
     * executed: whether the program may continue, though the arm may still decelerate.
     * started: whether the motion has started.
-    * cp: whether the statement is executed as soon as the arm decelerates.
-    * path: the path, or None if it is straight in joint space.
+    * cp: whether the statement counts as executed as soon as the arm decelerates.
+    * path: the path (None: a straight line in joint space).
     """
 
     target: Array
@@ -59,7 +60,7 @@ class Statement:
 
 @dataclass(slots=True, eq=False)
 class Segment:
-    """The motion of a statement, which starts at `start`, s.
+    """The motion of a statement, with its start time `start`, s.
 
     * speed: fraction of the limits.
     * decelerates: whether the deceleration of a statement with `cp` has started, so the next
@@ -75,36 +76,33 @@ class Segment:
 
     @property
     def braking(self) -> float:
-        """Time at which the deceleration starts, s."""
         return self.start + self.motion.braking
 
     @property
     def end(self) -> float:
-        """Time at which the motion ends, s."""
         return self.start + self.motion.duration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Brake:
-    """A stop, which starts at `start`, s."""
+    """A stop, with its start time `start`, s."""
 
     motion: Stop
     start: float
 
     @property
     def end(self) -> float:
-        """Time at which the arm is at rest, s."""
         return self.start + self.motion.duration
 
 
 OVERLAP_FRACTION = 0.5
-"""Maximum fraction of the acceleration for a move with CP, so that two moves may overlap."""
+"""Maximum fraction of the acceleration that a move with CP uses, so that two moves may overlap."""
 
 
 OVERLAP_ATTEMPTS = 4
-"""Maximum attempts to find the start of a timed overlapping move.
+"""Maximum number of times that a timed move is replanned to make up for its overlap.
 
-Each attempt extends the move by the overlap found before, which can change the possible overlap.
+The move takes longer by its overlap with the previous move, which changes the overlap again.
 """
 
 
@@ -117,8 +115,9 @@ class PointToPoint:
 
     * start: joint positions, shape (n,), rad.
     * speed, accel: fractions (0, 1] of the limits (SPEL+ Speed, Accel).
-    * caps: limits at low power (None: low power has no effect).
-    * timed: whether a point's duration, too, can make its move slower. Otherwise it has no effect.
+    * caps: caps at low power (None: low power has no effect).
+    * timed: whether a point's duration can also make its move slower. If not, durations are
+    ignored.
     * Other parameters: see the module's docstring.
     """
 
@@ -151,7 +150,7 @@ class PointToPoint:
         self.started_points = 0
         self._now = 0.0
         self._rest = go(limits, start, start, speed, accel).end
-        self._queue: deque[Statement] = deque()  # not started
+        self._queue: deque[Statement] = deque()  # statements that have not started
         # Started segments. The last may start before the previous one ends. At most two move.
         self._segments: list[Segment] = []
         self._brake: Brake | None = None
@@ -160,7 +159,6 @@ class PointToPoint:
 
     @property
     def speed(self) -> float:
-        """Speed of the points accepted from now on, a fraction (0, 1] of the limits."""
         return self._speed
 
     @speed.setter
@@ -170,7 +168,6 @@ class PointToPoint:
 
     @property
     def accel(self) -> float:
-        """Acceleration of the points accepted from now on, a fraction (0, 1] of the limits."""
         return self._accel
 
     @accel.setter
@@ -180,32 +177,34 @@ class PointToPoint:
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves or has points to execute, even during a hold."""
         return bool(self._segments or self._queue or self._brake)
 
     @property
     def at_rest(self) -> bool:
-        """Whether the arm is at rest and has no motion to start, for example during a pause."""
         return not (self._segments or self._brake) and (self._paused or not self._queue)
 
     @property
     def has_room(self) -> bool:
-        """Whether the arm accepts another point now. It does not while it brakes after `stop`."""
+        """Whether the arm accepts another point now.
+
+        It accepts none while it brakes after `stop`.
+        """
         return not self._stopping and self._unexecuted() < self._max_unexecuted
 
     @property
     def done(self) -> bool:
-        """Whether the last accepted point may be acknowledged."""
         return self._acknowledges_early or not (self._stopping or self._unexecuted())
 
     @property
     def due_in(self) -> float:
-        """Time until the next motion starts, is executed or ends, s, or inf if none is pending."""
+        """Time until the next motion starts, ends or counts as executed, s.
+
+        The time is inf if no motion is pending.
+        """
         return self._next_event_time() - self._now
 
     @property
     def elapsed(self) -> float:
-        """Elapsed time of the current motion, s, or 0 without one."""
         return self._now - self._segments[0].start if self._segments else 0.0
 
     @property
@@ -219,7 +218,6 @@ class PointToPoint:
 
     @property
     def position(self) -> Array:
-        """The commanded joint angles now, shape (n,), rad."""
         # Rounding can place the end of a line at a limit slightly beyond it.
         low, high = self.limits.position_min, self.limits.position_max
         position, _, _ = self._state()
@@ -230,15 +228,10 @@ class PointToPoint:
 
     @property
     def velocity(self) -> Array:
-        """The commanded joint velocities now, shape (n,), rad/s."""
         return self._state()[1]
 
     def take(self, point: Point) -> None:
-        """Accept a point, to be executed after the earlier ones.
-
-        A point at the current position causes no motion. Raises ValueError if the target or the
-        velocity is out of range, RuntimeError unless `has_room`.
-        """
+        """Accept a point. A point at the current position causes no motion."""
         if not self.has_room:
             raise RuntimeError('no room for a point')
         check_fractions(point.velocity or 1.0, self._accel)
@@ -261,10 +254,6 @@ class PointToPoint:
                 self._blend()
 
     def stop(self) -> bool:
-        """Discard all points, brake as fast as the limits allow, and end a hold.
-
-        Return whether any of the discarded points had been acknowledged.
-        """
         lost = [self._acknowledges_early or statement.executed for statement in self._statements()]
         self._queue.clear()
         self._paused = False
@@ -273,35 +262,22 @@ class PointToPoint:
         return any(lost)
 
     def hold(self) -> None:
-        """Brake on the path and stay there, keeping the points. Calling it twice is allowed.
-
-        During an overlap of two moves no common path exists, so each joint brakes independently.
-        """
+        """Brake on the path. While two moves overlap, each joint brakes independently."""
         if not self._paused:
             self._paused = True
             self._queue.extendleft(segment.statement for segment in reversed(self._segments))
             self._start_brake()
 
     def resume(self) -> None:
-        """Resume after `hold` from rest, towards the first target that was not reached."""
         self._paused = False
 
     def set_position(self, position: Array) -> None:
-        """Set the position, shape (n,), rad, within the limits.
-
-        Raises RuntimeError if the arm moves or has points, ValueError if the position is not
-        within the limits.
-        """
         if self.moving:
             raise RuntimeError('the arm is moving or has pending points')
         check_target(position, self.limits)
         self._rest = position.copy()
 
     def step(self, dt: float) -> float | None:
-        """Advance by `dt` ≥ 0 s, or less if a point is executed or the arm comes to rest earlier.
-
-        Return the remaining time, s (`dt` if the arm is idle), or None if all of `dt` has elapsed.
-        """
         if not self.moving:
             return dt
         until = self._now + dt
@@ -365,7 +341,7 @@ class PointToPoint:
             ended.statement.executed = True
 
     def _skip(self, position: Array) -> None:
-        """Skip the next statements if their target is `position`, compared as float32."""
+        """Skip the next statements as long as their target is `position`, compared as float32."""
         while self._queue and np.array_equal(
             position.astype(np.float32), self._queue[0].target.astype(np.float32)
         ):
@@ -380,8 +356,8 @@ class PointToPoint:
     def _segment(self, statement: Statement, start: Array, overlap: float = 0.0) -> Segment:
         """Return the move of a statement that starts now from rest at `start`, shape (n,), rad.
 
-        A statement with a duration takes at least this duration plus `overlap`, s, the time for
-        which it overlaps the previous move.
+        `overlap`, s, is the time for which the move overlaps the previous move. If the statement
+        has a duration, the move takes at least this duration plus `overlap`.
         """
         if statement.path is not None:
             along = statement.path(start, self.low_power)
@@ -398,7 +374,6 @@ class PointToPoint:
         return Segment(statement, motion, self._now, speed, self.low_power)
 
     def _blend(self) -> None:
-        """If possible, start the next move during the deceleration of the last segment."""
         last = self._segments[-1]
         self._skip(last.motion.end)
         if not self._queue or self.low_power is not last.low_power:
@@ -422,7 +397,6 @@ class PointToPoint:
             overlap = last.end - start
 
     def _overlap_start(self, last: Segment, segment: Segment, earliest: float) -> float:
-        """Return the earliest permitted start of a segment, s, not before `earliest`."""
         caps = self._caps if self.low_power else None
         # Statements with a path never overlap, so both motions are straight.
         assert isinstance(last.motion, LineMotion)  # noqa: S101
@@ -438,7 +412,6 @@ class PointToPoint:
         )
 
     def _start_brake(self) -> None:
-        """Replace the current motions with a stop."""
         if not self._segments:
             return
         started = [

@@ -3,9 +3,9 @@
 """Motion along the setpoints of a stream, which are followed instead of planned.
 
 A stream is known only a few points ahead. A plan through these points would have to end at rest at
-the last one, and would brake and accelerate again with every new point. The setpoints are
-therefore followed in their own time, a little behind the newest one, by a tracker whose motion
-always ends at rest.
+the last known point, so the arm would brake and accelerate again with every new point. Instead, a
+tracker follows the setpoints at the times that the stream specifies, a little behind the newest
+setpoint. Its motion always ends at rest.
 """
 
 from bisect import bisect_right
@@ -17,42 +17,38 @@ from epson_driver.motion.joint_motion import State
 from epson_driver.motion.setpoint_tracker import ServoTarget, SetpointTracker
 
 CYCLE_S = 0.004
-"""Period with which the target is updated, s. Setpoints that are closer in time count as one."""
+"""Period with which the target is updated, s. Setpoints that are closer in time are merged."""
 
-RESERVE_POINTS = 4
-"""Number of known setpoints with which the motion starts."""
+RESERVE_POINTS = 4  # number of known setpoints at which the motion starts
 
 MAX_START_DELAY_S = 0.1
-"""Time after the last setpoint, s, at which the motion starts even with fewer setpoints."""
+"""Time after the last setpoint, s, at which the motion starts although few setpoints are known."""
 
-RAMP_S = 0.25
-"""Time in which the stream regains its full speed after a hold, s."""
+RAMP_S = 0.25  # time to regain the full speed after a hold, s
 
 NEAR, FAR = 0.01, 0.02
-"""Distances of the arm from its target, rad or m. Beyond NEAR, the setpoints are followed more
-slowly. At FAR, their time stands still until the arm is closer."""
+"""Distances of the arm from its target, rad or m. If the arm is farther away than NEAR, the time
+of the stream advances more slowly. At FAR it stands still until the arm is closer.
+"""
 
 PASSED = 3e-4
-"""Distance by which the arm may pass the known setpoints, rad or m. It is not 0, because a stream
-may turn back between two setpoints."""
+"""Distance by which the arm may pass the last known setpoint, rad or m.
 
-ROUNDING = 1e-8
-"""Distance from the last setpoint, rad or m, at which the arm has reached it."""
+It is not 0, because the stream may reverse its direction between two setpoints.
+"""
 
-INTERPOLATED = 4
-"""Number of setpoints through which each interpolating polynomial passes."""
-
+ROUNDING = 1e-8  # distance that may be due to rounding, rad or m
+INTERPOLATED = 4  # setpoints per interpolating polynomial
 POWERS = np.arange(INTERPOLATED)
 
-REST_BEFORE_S = 0.02
-"""Spacing of the setpoints that represent the rest before the stream, s."""
+REST_BEFORE_S = 0.02  # spacing of the setpoints for the rest before the stream
 
 
 class SetpointFollower:
     """The motion of an arm that follows setpoints, from rest at `position`, shape (n,), rad or m.
 
-    It respects `limits` at every instant. It does not pass the last known setpoint by more than
-    PASSED, as far as the limits permit, and comes to rest there if no other arrives.
+    It respects `limits` at every instant. If no further setpoint arrives, it comes to rest at the
+    last one. It passes this setpoint by more than PASSED only if the limits leave no choice.
     """
 
     def __init__(self, limits: JointLimits, position: Array) -> None:
@@ -60,22 +56,15 @@ class SetpointFollower:
         self._tracker = SetpointTracker(limits, position)
         self._times: list[float] = (REST_BEFORE_S * np.arange(1.0 - INTERPOLATED, 1.0)).tolist()
         self._positions = [position] * INTERPOLATED
-        self._clock = 0.0
-        """Time of the stream that the arm has reached, s."""
-        self._rate = 1.0
-        """Ratio of the time of the stream to real time, 0 to 1, for an arm close to its target."""
-        self._age = 0.0
-        """Time since the last setpoint arrived, s."""
-        self._due = 0.0
-        """Time until the target is updated, s."""
+        self._clock = 0.0  # time of the stream that the arm has reached, s
+        self._rate = 1.0  # ratio of stream time to real time, 0 to 1
+        self._age = 0.0  # time since the last setpoint arrived, s
+        self._due = 0.0  # time until the target is updated, s
         self._started = False
         self._held = False
 
     def append(self, position: Array, duration: float | None) -> None:
-        """Add a setpoint, shape (n,), `duration` s after the previous one.
-
-        With None, the arm is as fast as the limits allow.
-        """
+        """Add a setpoint, `duration` s after the previous one (None: as fast as possible)."""
         self._age = 0.0
         if duration is None or duration < CYCLE_S:
             self._times[-1] += duration or 0.0
@@ -86,32 +75,28 @@ class SetpointFollower:
 
     @property
     def state(self) -> State:
-        """Current position, velocity and acceleration, shapes (n,)."""
         return self._tracker.state
 
     @property
     def look_ahead(self) -> float:
-        """Time of the stream that is known ahead of the arm, s."""
+        """Time between the arm's target and the newest setpoint, on the clock of the stream, s."""
         return self._times[-1] - self._clock
 
     @property
     def points_ahead(self) -> int:
-        """Number of setpoints that the arm has not reached yet."""
         return len(self._times) - bisect_right(self._times, self._clock)
 
     @property
     def at_rest(self) -> bool:
-        """Whether the arm is at rest now, even if setpoints are ahead."""
         return self._tracker.at_rest
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves or has setpoints ahead."""
         distance = np.abs(self._tracker.motion.end - self._positions[-1]).max()
         return bool(self.points_ahead or not self.at_rest or distance > ROUNDING)
 
     def finish(self) -> None:
-        """Do nothing, because a stream that starts during the motion continues it."""
+        """Do nothing, because a stream that starts during the motion continues this one."""
 
     def change_limits(self, limits: JointLimits) -> None:
         """Replace the limits of an arm at rest. The position limits must be the same."""
@@ -119,13 +104,13 @@ class SetpointFollower:
         self._tracker = SetpointTracker(limits, self._tracker.state[0])
 
     def stop(self) -> None:
-        """Discard all setpoints, and come to rest as fast as the limits permit."""
+        """Discard all setpoints and brake as fast as the limits permit."""
         self._tracker.brake()
         self._clock = self._times[-1]
         self._positions[-1] = self._tracker.motion.end
 
     def hold(self) -> None:
-        """Come to rest as fast as the limits permit, and keep the setpoints after this rest."""
+        """Brake as fast as the limits permit, and keep the setpoints until the motion resumes."""
         self._held = True
         self._tracker.brake()
         self._rate = 0.0
@@ -135,11 +120,9 @@ class SetpointFollower:
             self._clock = times[int(np.argmin(away))]
 
     def resume(self) -> None:
-        """Continue to the setpoints after `hold`."""
         self._held = False
 
     def step(self, dt: float) -> None:
-        """Advance by `dt` ≥ 0 s."""
         self._age += dt
         while dt > 0.0:
             if self._due <= 0.0:
@@ -152,7 +135,6 @@ class SetpointFollower:
             dt -= part
 
     def _aim(self) -> None:
-        """Follow the stream during the next cycle."""
         ahead = self.points_ahead
         self._started = ahead > 0 and (
             self._started or ahead >= RESERVE_POINTS or self._age >= MAX_START_DELAY_S
@@ -181,7 +163,7 @@ class SetpointFollower:
         del self._times[:old], self._positions[:old]
 
     def _at(self, time: float) -> State:
-        """Return position, velocity and acceleration of the stream at a time, shapes (n,)."""
+        """Return position, velocity and acceleration of the stream at `time`, shapes (n,)."""
         times = self._times
         if time >= times[-1]:
             rest = np.zeros_like(self._positions[-1])

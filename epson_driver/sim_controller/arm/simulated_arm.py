@@ -15,10 +15,10 @@ SETTLE_JERK = 10.0
 """Maximum jerk, rad/s³, of the last step, which sets a joint exactly to its command."""
 
 SETTLE_DISTANCE = 1e-12
-"""Distance from the command, rad, below which a joint is set to it regardless of the jerk."""
+"""Distance from the command, rad. Within it a joint is set to the command despite the jerk."""
 
 MIN_STEP_S = 1e-9
-"""Shortest step, s. The servos defer the motion of a shorter step to the next one."""
+"""Shortest step, s. The servos combine a shorter step with the next one."""
 
 
 class Servo:
@@ -26,8 +26,7 @@ class Servo:
 
     `lag` ≥ 0 is the time constant with which the joints follow the command, s (0: no lag). With
     `encoder` the reported positions are rounded to whole pulses. `pulses`, shape (n,), is the
-    number of pulses per rad or m, NaN if unknown. Raises ValueError if `lag` is invalid or the
-    shapes do not match.
+    number of pulses per rad or m, NaN if unknown.
 
     Each joint follows with a first-order lag, solved exactly for a command that is linear between
     steps. Its motion is a weighted mean of earlier commands. So it never exceeds the command's
@@ -35,10 +34,6 @@ class Servo:
     """
 
     def __init__(self, start: Array, pulses: Array, lag: float, encoder: bool) -> None:
-        if not 0.0 <= lag < math.inf:
-            raise ValueError(f'lag = {lag}: must be finite and not negative')
-        if start.shape != pulses.shape or start.ndim != 1:
-            raise ValueError(f'{pulses.size} pulses per unit for {start.size} joints')
         self._pulses = pulses if encoder else None
         self._lag = lag
         self._frozen: dict[int, float] = {}
@@ -62,7 +57,6 @@ class Servo:
 
     @property
     def velocity(self) -> Array:
-        """The joint velocities that the encoders report, shape (n,), rad/s."""
         velocity = self._velocity.copy()
         for joint in self._frozen:
             velocity[joint] = 0.0
@@ -70,12 +64,15 @@ class Servo:
 
     @property
     def settled(self) -> bool:
-        """Whether the command is constant, and all joints are at rest exactly at the command."""
+        """Whether the command is constant and each joint rests exactly at its command."""
         return self._settled
 
     @property
     def actual(self) -> Array:
-        """The true joint positions, shape (n,), rad, which frozen encoders do not report."""
+        """The true joint positions, shape (n,), rad.
+
+        Frozen encoders report other positions.
+        """
         return self._actual
 
     def step(self, commanded: Array, dt: float) -> None:
@@ -107,17 +104,13 @@ class Servo:
         self._settled = settled
 
     def freeze(self, joint: int | None) -> None:
-        """Freeze the encoder of a joint (index from 0). None unfreezes all encoders."""
         if joint is None:
             self._frozen.clear()
         else:
             self._frozen.setdefault(joint, float(self.position[joint]))
 
     def jump(self, position: Array) -> None:
-        """Move the joints to a position, shape (n,), rad, as by a push.
-
-        With the next steps they return to the command.
-        """
+        """Displace the joints. They then return to the command."""
         self._actual = position.copy()
         self._velocity = self._rest
         self._settled = bool((self._actual == self._command).all())
@@ -132,10 +125,7 @@ class Servo:
 
 
 class Recovery:
-    """A slow move in joint space from `start` to `target`, where an interrupted motion resumes.
-
-    Both have shape (n,), rad. `caps` are the low-power caps.
-    """
+    """The slow return to the position at which an interrupted motion resumes."""
 
     def __init__(self, limits: JointLimits, start: Array, target: Array, caps: LowPower) -> None:
         speed = caps.speed(limits, target - start)
@@ -145,23 +135,19 @@ class Recovery:
 
     @property
     def position(self) -> Array:
-        """The commanded joint angles now, shape (n,), rad."""
         return self._motion.at(self._time)[0]
 
     @property
     def at_rest(self) -> bool:
-        """Whether the recovery has ended, because it is complete or was stopped."""
         return self._time >= self._motion.duration
 
     def stop(self) -> None:
-        """Brake on the path."""
         if not self._stopping:
             self._stopping = True
             self._motion = self._motion.stop(self._time)
             self._time = 0.0
 
     def step(self, dt: float) -> None:
-        """Advance by `dt` ≥ 0 s."""
         self._time += dt
 
 
@@ -199,11 +185,9 @@ class SimulatedArm:
         return self.executor.position if self._pushed is None else self._pushed
 
     def step(self, dt: float, execute: Callable[[float], None]) -> None:
-        """Advance by `dt` ≥ 0 s.
+        """Advance by `dt` s.
 
-        During a recovery, only the return move advances. Otherwise `execute`, the program's
-        `step`, is called with `dt`. It steps the executor and supplies the next point if the arm
-        completes one within `dt`. Finally the servos follow the commanded motion.
+        `execute` is the program's `step`. It is not called during a recovery.
         """
         if self._recovery is not None:
             if not self.executor.moving:  # its points were discarded, so no return is needed
@@ -225,17 +209,14 @@ class SimulatedArm:
         self.executor = to
 
     def hold(self) -> None:
-        """Brake on the path and stay there, keeping the points."""
         self.executor.hold()
         self.brake_recovery()
 
     def brake_recovery(self) -> None:
-        """Brake if the arm is returning after an open door."""
         if self._recovery is not None and not self._recovery.at_rest:
             self._recovery.stop()
 
     def start_recovery(self) -> None:
-        """Start the slow return to the position at which the motion resumes."""
         start, target = self.commanded, self.executor.position
         self._recovery = Recovery(self.executor.limits, start, target, self._caps)
 
@@ -247,10 +228,9 @@ class SimulatedArm:
             self.executor.set_position(rest)
 
     def push(self, angles: Array, powered: bool) -> None:
-        """Push the joints to a position, shape (n,), rad, within the limits.
+        """Displace the joints.
 
-        With power the servos push back. Without power the arm must be at rest, and stays where it
-        was pushed.
+        Without power the arm must be at rest, and keeps the new position.
         """
         if powered:
             self.servo.jump(angles)
@@ -260,10 +240,7 @@ class SimulatedArm:
         self.servo.set_position(angles)
 
     def restore_executor(self) -> None:
-        """Return control to the program's executor if the arm is at rest without points.
-
-        The executor then starts from the current position, which a push may have changed.
-        """
+        """Return control to the program's executor if the arm is at rest and has no points."""
         if not self.in_motion and not self.executor.moving:
             self.end_recovery()
             if self.executor is not self.program_executor:

@@ -28,7 +28,7 @@ class DeadlineCounters:
 
     * deadline_misses: motion cycles that were late by a whole period.
     * late_plans: plans that arrived after their start time, so the previous plan continued.
-    * planner_failures: ends of the planner process, motions without a plan, and violations.
+    * planner_failures: times that the planner process ended or found no plan, plus `violations`.
     * violations: times that the arm braked because its motion would have exceeded a limit.
     """
 
@@ -38,7 +38,6 @@ class DeadlineCounters:
     violations: int = 0
 
     def since(self, before: 'DeadlineCounters') -> str:
-        """Return a text with the counts that have increased since `before`, or ''."""
         counts = (
             (self.deadline_misses - before.deadline_misses, 'late motion cycle(s)'),
             (self.late_plans - before.late_plans, 'plan(s) too late and not used'),
@@ -48,9 +47,7 @@ class DeadlineCounters:
         return ', '.join(f'{count} {text}' for count, text in counts if count)
 
 
-MAX_ATTEMPTS = 10
-"""Consecutive failed plans from rest that count as a planner failure."""
-
+MAX_ATTEMPTS = 10  # consecutive failed plans from rest
 Answer = Callable[[Plan | None], None]
 
 INITIAL_LATENCY_S = 0.04
@@ -62,8 +59,7 @@ PERCENTILE, MARGIN_FACTOR = 90.0, 1.3
 LATE_FACTOR = 1.5
 """If a plan is late, the planning latency is multiplied by at least this factor."""
 
-MAX_RECENT_PLANS = 32
-"""Number of planning times that determine the latency. In motion there are about 30 per second."""
+MAX_RECENT_PLANS = 32  # about one second of motion
 
 
 class PlanningLatency:
@@ -74,7 +70,6 @@ class PlanningLatency:
         self._recent = deque([INITIAL_LATENCY_S / MARGIN_FACTOR], MAX_RECENT_PLANS)
 
     def took(self, seconds: float, late: bool = False) -> None:
-        """Adapt to a planning time, s. `late`: the plan arrived too late to be used."""
         self._recent.append(seconds)
         latency = MARGIN_FACTOR * float(np.percentile(self._recent, PERCENTILE))
         if late:
@@ -86,37 +81,37 @@ class Planner(Protocol):
     """The planner, which accepts one request at a time."""
 
     @property
-    def ready(self) -> bool:
-        """Whether the planner accepts a request."""
+    def ready(self) -> bool: ...
 
     def ask(self, request: Request, limits: JointLimits, answer: Answer) -> None:
-        """Request a plan within limits, computed immediately or in another process.
+        """Request a plan.
 
-        `answer` is called exactly once with the plan, or with None if there is none.
+        `answer` is called exactly once, with the plan, or with None if planning failed.
         """
 
 
 class Streaming:
     """An arm that moves smoothly through streamed points within its limits.
 
-    The smoother plans the motion through the points of a trajectory. The setpoints of a stream
-    that starts at rest are followed instead, see `SetpointFollower`, until a trajectory starts.
+    The smoother plans the motion through the points of a trajectory. A stream of setpoints that
+    starts at rest is not planned. `SetpointFollower` follows it until a trajectory starts.
 
     Points are accepted while less than `look_ahead` s and fewer than `look_ahead_points` points
     are known ahead of the arm, and none during a hold or while it brakes.
 
     `uses` selects the fields of a point that determine the time of its move. A duration is
     respected within the limits. Without a duration, a velocity in (0, 1) is the fraction of the
-    joints' speed. Without both, the arm is as fast as the limits allow. If `uses` selects
-    no field, each move is executed at the fraction `speed` of the joints' speed. Otherwise `speed`
-    has no effect. `accel` never has an effect, because SPEL+'s Accel is for point-to-point motion.
+    joints' speed. Without both, the arm is as fast as the limits allow. If `uses` selects no
+    field, each move uses the fraction `speed` of the joints' speed. Otherwise `speed` has no
+    effect. `accel` has no effect at all, because SPEL+'s Accel only applies to point-to-point
+    motion.
 
     `low_power_limits` replace `limits` in every motion that starts from rest while `low_power` is
     set. They must have the same position limits. If None, low power changes no limits.
 
-    `timing` counts late plans and violations. `failed` is called with the reason if MAX_ATTEMPTS
-    plans from rest fail, or if the smoother brakes to prevent the violation of a limit. Raises
-    ValueError if `start`, shape (n,), rad, is not within the limits, or if `uses` is invalid.
+    `timing` counts late plans and prevented violations. `failed` is called with the reason if
+    MAX_ATTEMPTS plans from rest fail, or if the smoother brakes to prevent the violation of a
+    limit. Raises ValueError if `start`, shape (n,), rad, is not within the limits.
     """
 
     def __init__(
@@ -130,18 +125,16 @@ class Streaming:
         look_ahead_points: int,
         *,
         low_power_limits: JointLimits | None = None,
-        uses: str = FieldsUsed.BOTH,
+        uses: FieldsUsed = FieldsUsed.BOTH,
         speed: float = 1.0,
         accel: float = 1.0,
     ) -> None:
-        if uses not in tuple(FieldsUsed):
-            raise ValueError(f'uses = {uses!r}: must be one of {tuple(map(str, FieldsUsed))}')
         self.limits = limits
         self.low_power = False
         self.speed = speed
         self.accel = accel
         self._power_limits = {False: limits, True: low_power_limits or limits}
-        self._uses = FieldsUsed(uses)
+        self._uses = uses
         self._latency = PlanningLatency()
         self._planner = planner
         self._timing = timing
@@ -161,7 +154,6 @@ class Streaming:
         self._reset(start)
 
     def _reset(self, position: Array) -> None:
-        """Place the arm at rest at a position, without points."""
         self._smoother = Smoother(
             self._power_limits[self.low_power],
             position,
@@ -181,32 +173,27 @@ class Streaming:
 
     @property
     def _source(self) -> Smoother | SetpointFollower:
-        """The follower or the smoother, which moves the arm now."""
         return self._smoother if self._follower is None else self._follower
 
     @property
     def position(self) -> Array:
-        """The commanded joint angles now, shape (n,), rad."""
         return self._position
 
     @property
     def velocity(self) -> Array:
-        """The commanded joint velocities now, shape (n,), rad/s."""
         return self._velocity
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves, has points to execute, or rests for a commanded time."""
+        """Whether the arm moves, has points to execute, or waits for a commanded time."""
         return self._source.moving
 
     @property
     def at_rest(self) -> bool:
-        """Whether the arm is at rest and has no motion to start, for example during a pause."""
         return not self.moving or (self._paused and self._source.at_rest)
 
     @property
     def has_room(self) -> bool:
-        """Whether the arm accepts another point now."""
         if self._paused or self._braking:
             return False
         return (
@@ -216,14 +203,10 @@ class Streaming:
 
     @property
     def done(self) -> bool:
-        """Always True: points are acknowledged when they are accepted."""
         return True
 
     def take(self, point: Point) -> None:
-        """Accept a point. A sequence of 0 starts a new trajectory from rest.
-
-        Raises ValueError if the target is not within the limits.
-        """
+        """Accept a point. A sequence of 0 starts a new trajectory from rest."""
         starts = point.sequence == 0
         if starts and not self.moving and (point.setpoint or self._follower is not None):
             self._reset(self._position)
@@ -237,9 +220,9 @@ class Streaming:
         self._accepted_points += 1
 
     def stop(self) -> bool:
-        """Discard all points, brake on the path if that can be verified, and end a hold.
+        """Brake and discard all points.
 
-        Return whether acknowledged points are lost: the arm had not reached the last one.
+        Return whether acknowledged points are lost because the arm had not reached the last one.
         """
         lost = self.moving and not self._braking
         self._accepted_points = self.started_points
@@ -251,26 +234,17 @@ class Streaming:
         return lost
 
     def hold(self) -> None:
-        """Brake on the path and stay there, keeping the points and accepting none.
-
-        An arm that is already braking continues to brake.
-        """
+        """Brake on the path. An arm that is already braking continues to brake."""
         if not self._paused:
             self._paused = True
             self._source.hold()
             self._discard_request()
 
     def resume(self) -> None:
-        """Resume after `hold`, towards the same points. The motion ends later by the pause."""
         self._paused = False
         self._source.resume()
 
     def set_position(self, position: Array) -> None:
-        """Set the position, shape (n,), rad, after the arm was moved without power.
-
-        Raises RuntimeError if the arm moves or has points, ValueError if the position is not
-        within the limits.
-        """
         if self.moving:
             raise RuntimeError(
                 'the arm is moving or has pending points: it cannot be moved by hand'
@@ -278,7 +252,6 @@ class Streaming:
         self._reset(position)
 
     def step(self, dt: float) -> None:
-        """Advance by `dt` ≥ 0 s, and request a plan if one is needed."""
         self._now += dt
         violations = self._smoother.violations
         self._source.step(dt)
@@ -297,7 +270,6 @@ class Streaming:
                 self._planner.ask(request, self._smoother.limits, self._receive_plan)
 
     def _on_limit_violation(self) -> None:
-        """Discard the points and report the failure after the smoother has started to brake."""
         self._timing.violations += 1
         self._discard_request()
         self._braking = self._smoother.moving
@@ -305,7 +277,6 @@ class Streaming:
         self._failed(f'the arm brakes: {self._smoother.violation}')
 
     def _apply_power(self) -> None:
-        """Apply the limits of low or high power if the arm is at rest."""
         limits = self._power_limits[self.low_power]
         if limits is not self._source.limits and self._source.at_rest:
             self._source.change_limits(limits)

@@ -15,7 +15,7 @@ _log = logging.getLogger(__name__)
 
 
 class ErrorNumber(IntEnum):
-    """SPEL+ error numbers. Those from 8000 are defined by the program on the controller.
+    """SPEL+ error numbers. Numbers from 8000 are defined by the program on the controller.
 
     8000 is from the thesis, and controller_program also uses 8004. 8001 exists only in this
     simulation.
@@ -34,10 +34,7 @@ class ErrorNumber(IntEnum):
 
 
 ERRORS = load_error_texts('epson')
-"""Error numbers with their texts, including errors that only a real controller shows."""
-
 TEXTS: dict[int, str] = {number: text.meaning for number, text in ERRORS.items()}
-"""Error number → its meaning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +45,10 @@ class Rejection:
     sentence: str
 
     def about(self, subject: str) -> 'Rejection':
-        """Return the rejection with `subject` before its sentence."""
         return Rejection(self.number, f'{subject}: {self.sentence}')
 
 
 def corrupt(sentence: str) -> Rejection:
-    """Return the rejection of a malformed message."""
     return Rejection(ErrorNumber.CORRUPT_MESSAGE, sentence)
 
 
@@ -64,21 +59,15 @@ class ErrorRegister:
         self.number: int = ErrorNumber.NONE
 
     def enter(self, rejection: Rejection) -> None:
-        """Show the rejection's error, and log its sentence."""
         self.number = rejection.number
         _log.warning('refused (%d): %s', rejection.number, rejection.sentence)
 
     def clear(self, only: int | None = None) -> None:
-        """Clear the error. If `only` is a number, clear the error only if it has this number."""
         if only in (None, self.number):
             self.number = ErrorNumber.NONE
 
 
 def angles_rejection(angles: Array, limits: JointLimits) -> Rejection | None:
-    """Return a rejection for the first joint with an angle outside its limits, or None.
-
-    angles: shape (n,), rad.
-    """
     low, high = limits.position_min, limits.position_max
     # A limit that was rounded to float32 in transit is allowed.
     inside = (angles >= np.minimum(low, low.astype(np.float32))) & (
@@ -95,6 +84,5 @@ def angles_rejection(angles: Array, limits: JointLimits) -> Rejection | None:
 
 
 def clipped(angles: Array, limits: JointLimits) -> Array:
-    """Return the nearest angles within the limits, shape (n,), rad."""
     nearest: Array = np.clip(angles, limits.position_min, limits.position_max)
     return nearest

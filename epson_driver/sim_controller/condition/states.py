@@ -5,9 +5,9 @@
 Each of these regions has a separate table. `after` applies an event to all regions together, or to
 none. The rules (SPEL+ language reference; thesis chapter 3):
 
-* The controller boots with the motors off, at low power. The motors are switched on only by motors
-  on, and by continue after the door has interrupted a motion. An operator or a client of the
-  remote port requests both.
+* The controller boots with the motors off, at low power. The motors are switched on only by the
+  event "motors on", and by "continue" after the door has interrupted a motion. An operator or a
+  client of the remote port requests both.
 * After motors off, the loss of the motion client, or the key switch to MANUAL, the arm brakes
   along its path, and the motors switch off at standstill.
 * The E-stop works in every condition. It cuts the motor power and aborts the Normal tasks.
@@ -22,7 +22,7 @@ none. The rules (SPEL+ language reference; thesis chapter 3):
 * Power is low after boot, motors on, reset and stop, while the motors are off and while the door
   is open. If the profile specifies it, the motion program selects high power for its trajectories,
   unless an operator has selected low power.
-* An event that requests the current state is accepted and changes nothing.
+* An event that requests the current state is accepted and has no effect.
 """
 
 from collections.abc import Mapping
@@ -42,16 +42,12 @@ class Motors(Enum):
 
 
 class EStop(Enum):
-    """The emergency stop."""
-
     CLEAR = 'not active'
     PRESSED = 'pressed'
     LATCHED = 'released, not reset'
 
 
 class Door(Enum):
-    """The safeguard door."""
-
     CLOSED = 'closed'
     OPEN = 'open'
 
@@ -84,8 +80,6 @@ class Mode(Enum):
 
 
 class Power(Enum):
-    """The motors' power level, which limits the speed of the arm."""
-
     LOW = 'low'
     HIGH = 'high'
     HELD_LOW = 'low by choice'
@@ -122,8 +116,6 @@ class Event(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """The condition of the controller: the state of its motors, E-stop, door and so on."""
-
     motors: Motors = Motors.OFF
     estop: EStop = EStop.CLEAR
     door: Door = Door.CLOSED
@@ -134,7 +126,6 @@ class Condition:
 
     @property
     def powered(self) -> bool:
-        """Whether the motors have power."""
         return self.motors in (Motors.ON, Motors.BRAKING, Motors.HOLDING)
 
     @property
@@ -144,51 +135,43 @@ class Condition:
 
     @property
     def paused(self) -> bool:
-        """Whether the Normal tasks wait for the event CONTINUE."""
+        """Whether the Normal tasks are paused until the event CONTINUE."""
         return self.tasks in (Tasks.PAUSED, Tasks.INTERRUPTED, Tasks.WAIT_RECOVER)
 
 
 class RejectedError(Exception):
-    """The condition forbids an event. The message gives the reason and the remedy."""
+    """An event is not allowed in the current condition.
+
+    The message gives the reason and the remedy.
+    """
 
 
 _E = Event
 
 MOTORS: dict[tuple[Motors, Event], Motors] = {
     (Motors.OFF, _E.MOTORS_ON): Motors.ON,
-    (Motors.ON, _E.MOTORS_OFF): Motors.BRAKING,
-    (Motors.ON, _E.CLIENT_LOST): Motors.BRAKING,
-    (Motors.ON, _E.MODE_MANUAL): Motors.BRAKING,
     (Motors.ON, _E.DOOR_OPEN): Motors.HOLDING,
-    (Motors.ON, _E.ESTOP_PRESS): Motors.OFF,
-    (Motors.ON, _E.ERROR): Motors.OFF,
-    (Motors.ON, _E.CRITICAL_ERROR): Motors.OFF,
-    (Motors.ON, _E.BOOT): Motors.OFF,
     (Motors.BRAKING, _E.STANDSTILL): Motors.OFF,
-    (Motors.BRAKING, _E.ESTOP_PRESS): Motors.OFF,
-    (Motors.BRAKING, _E.ERROR): Motors.OFF,
-    (Motors.BRAKING, _E.CRITICAL_ERROR): Motors.OFF,
-    (Motors.BRAKING, _E.BOOT): Motors.OFF,
     (Motors.HOLDING, _E.STANDSTILL): Motors.HELD,
-    (Motors.HOLDING, _E.MOTORS_OFF): Motors.BRAKING,
-    (Motors.HOLDING, _E.CLIENT_LOST): Motors.BRAKING,
-    (Motors.HOLDING, _E.MODE_MANUAL): Motors.BRAKING,
+    (Motors.HELD, _E.CONTINUE): Motors.ON,
+    **{
+        (motors, event): outcome
+        for motors, outcome in (
+            (Motors.ON, Motors.BRAKING),
+            (Motors.HOLDING, Motors.BRAKING),
+            (Motors.HELD, Motors.OFF),
+        )
+        for event in (_E.MOTORS_OFF, _E.CLIENT_LOST, _E.MODE_MANUAL)
+    },
     (Motors.HOLDING, _E.STOP): Motors.BRAKING,
     (Motors.HOLDING, _E.START): Motors.BRAKING,
-    (Motors.HOLDING, _E.ESTOP_PRESS): Motors.OFF,
-    (Motors.HOLDING, _E.ERROR): Motors.OFF,
-    (Motors.HOLDING, _E.CRITICAL_ERROR): Motors.OFF,
-    (Motors.HOLDING, _E.BOOT): Motors.OFF,
-    (Motors.HELD, _E.CONTINUE): Motors.ON,
-    (Motors.HELD, _E.MOTORS_OFF): Motors.OFF,
-    (Motors.HELD, _E.CLIENT_LOST): Motors.OFF,
-    (Motors.HELD, _E.MODE_MANUAL): Motors.OFF,
     (Motors.HELD, _E.STOP): Motors.OFF,
     (Motors.HELD, _E.START): Motors.OFF,
-    (Motors.HELD, _E.ESTOP_PRESS): Motors.OFF,
-    (Motors.HELD, _E.ERROR): Motors.OFF,
-    (Motors.HELD, _E.CRITICAL_ERROR): Motors.OFF,
-    (Motors.HELD, _E.BOOT): Motors.OFF,
+    **{
+        (motors, event): Motors.OFF
+        for motors in (Motors.ON, Motors.BRAKING, Motors.HOLDING, Motors.HELD)
+        for event in (_E.ESTOP_PRESS, _E.ERROR, _E.CRITICAL_ERROR, _E.BOOT)
+    },
 }
 
 ESTOP: dict[tuple[EStop, Event], EStop] = {
@@ -281,7 +264,7 @@ REGIONS: Tables = {
     'mode': MODE,
     'power': POWER,
 }
-"""Region (field of `Condition`) → table from (state, event) to the next state."""
+"""Region (field of `Condition`) → its table: (state, event) → next state."""
 
 STARTED_BY_A_PERSON: Tables = {
     **REGIONS,
@@ -336,7 +319,7 @@ REJECTIONS: dict[tuple[Event, Enum], str] = {
     (_E.POWER_HIGH, Mode.MANUAL): 'the key switch is at MANUAL: power stays low',
     (_E.PROGRAM_POWER_HIGH, Mode.MANUAL): 'the key switch is at MANUAL: power stays low',
 }
-"""(event, state that forbids the event) → message. The first match counts."""
+"""(event, state that forbids the event) → message. The first match is reported."""
 
 
 def after(condition: Condition, event: Event, tables: Tables = REGIONS) -> Condition:
@@ -355,4 +338,4 @@ def after(condition: Condition, event: Event, tables: Tables = REGIONS) -> Condi
 
 
 if {field.name for field in fields(Condition)} != set(REGIONS):
-    raise TypeError('every region needs its table')
+    raise TypeError('every field of Condition must have a table in REGIONS')

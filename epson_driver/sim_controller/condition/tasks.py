@@ -7,64 +7,23 @@ affects a NoEmgAbort task. (SPEL+ language reference, Xqt and TaskState.)
 """
 
 from collections.abc import Iterator
-from enum import Enum
 from typing import NamedTuple
 
 from epson_driver.sim_controller.condition.states import Condition, Tasks
-
-
-class TaskType(Enum):
-    """SPEL+ task types. The values are those of TaskInfo(task, 2)."""
-
-    NORMAL = 0
-    NO_PAUSE = 1
-    NO_EMG_ABORT = 2
-
-
-class TaskState(Enum):
-    """States of a task. The values are those of SPEL+'s TaskState function."""
-
-    NOT_RUNNING = 0
-    RUNNING = 1
-    WAITING = 2
-    HALTED = 3
-    QUICK_PAUSE = 4
-    ABORTED = 5
-
-
-TASK_STATES: dict[TaskType, dict[Tasks, TaskState]] = {
-    TaskType.NORMAL: {
-        Tasks.RUNNING: TaskState.RUNNING,
-        Tasks.PAUSED: TaskState.HALTED,
-        Tasks.INTERRUPTED: TaskState.HALTED,
-        Tasks.WAIT_RECOVER: TaskState.HALTED,
-        Tasks.RECOVERING: TaskState.HALTED,
-        Tasks.STOPPED: TaskState.NOT_RUNNING,
-        Tasks.ABORTED: TaskState.ABORTED,
-    },
-    TaskType.NO_PAUSE: {
-        Tasks.RUNNING: TaskState.RUNNING,
-        Tasks.PAUSED: TaskState.RUNNING,
-        Tasks.INTERRUPTED: TaskState.RUNNING,
-        Tasks.WAIT_RECOVER: TaskState.RUNNING,
-        Tasks.RECOVERING: TaskState.RUNNING,
-        Tasks.STOPPED: TaskState.NOT_RUNNING,
-        Tasks.ABORTED: TaskState.ABORTED,
-    },
-    TaskType.NO_EMG_ABORT: dict.fromkeys(Tasks, TaskState.RUNNING),
-}
+from epson_driver.spel import TaskState, TaskType
 
 
 class Task(NamedTuple):
-    """One task of the built-in program: SPEL+ task number, name and type."""
-
     number: int
     name: str
     type: TaskType
 
     def state(self, condition: Condition) -> TaskState:
-        """Return the task's state in a condition of the controller (for example paused)."""
-        return TASK_STATES[self.type][condition.tasks]
+        if self.type is TaskType.NO_EMG_ABORT or condition.tasks is Tasks.RUNNING:
+            return TaskState.RUNNING
+        if condition.tasks is Tasks.STOPPED:
+            return TaskState.NOT_RUNNING
+        return TaskState.ABORTED if condition.tasks is Tasks.ABORTED else TaskState.HALTED
 
 
 PROGRAM = (
@@ -74,24 +33,25 @@ PROGRAM = (
 )
 MOTION_SERVER, STATE_SERVER, IO_SERVER = PROGRAM
 
-TASK_TYPES = {
+TYPE_WORDS = {
     TaskType.NORMAL: 'Normal',
     TaskType.NO_PAUSE: 'NoPause',
     TaskType.NO_EMG_ABORT: 'NoEmgAbort',
+    TaskType.TRAP: 'Trap',
+    TaskType.BACKGROUND: 'background',
 }
-TASK_WORDS = {
+STATE_WORDS = {
     TaskState.NOT_RUNNING: 'does not run',
     TaskState.RUNNING: 'runs',
     TaskState.WAITING: 'waits',
     TaskState.HALTED: 'paused',
-    TaskState.QUICK_PAUSE: 'paused',
-    TaskState.ABORTED: 'aborted (2261)',
+    TaskState.QUICK_PAUSED: 'paused',
+    TaskState.ABORTED: 'aborted',
 }
-"""State of a task → its text for display."""
 
 
 class TaskRow(NamedTuple):
-    """A task as shown to users: number, name, type and state."""
+    """One SPEL+ task, as shown to users."""
 
     number: int
     name: str
@@ -100,7 +60,7 @@ class TaskRow(NamedTuple):
 
 
 def rows(condition: Condition) -> Iterator[TaskRow]:
-    """Yield the tasks of the built-in program."""
     for task in PROGRAM:
-        state = TASK_WORDS[task.state(condition)]
-        yield TaskRow(task.number, task.name, TASK_TYPES[task.type], state)
+        state = task.state(condition)
+        text = STATE_WORDS[state] + (' (2261)' if state is TaskState.ABORTED else '')
+        yield TaskRow(task.number, task.name, TYPE_WORDS[task.type], text)

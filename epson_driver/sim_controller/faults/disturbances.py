@@ -12,8 +12,7 @@ from epson_driver.simple_message import ByteOrder, CommType
 
 _WORD_BYTES = 4
 _HEADER_BYTES = 16
-_COMM_TYPE_OFFSET = 8
-"""Offset of the comm_type in a frame, after length and msg_type."""
+_COMM_TYPE_OFFSET = 8  # after length and msg_type
 
 
 @dataclass(slots=True)
@@ -36,32 +35,26 @@ Disturbance = Callable[[OutgoingMessage, Fault, random.Random], None]
 
 
 def lose(outgoing: OutgoingMessage, _fault: Fault, _chance: random.Random) -> None:
-    """Drop the message."""
     outgoing.data = b''
 
 
 def delay(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) -> None:
-    """Delay the message by the fault's parameter `seconds`."""
     outgoing.delay += fault.number('seconds')
 
 
 def jitter(outgoing: OutgoingMessage, fault: Fault, chance: random.Random) -> None:
-    """Delay the message by a random time up to the fault's parameter `seconds`."""
     outgoing.delay += chance.random() * fault.number('seconds')
 
 
 def coalesce(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) -> None:
-    """Collect messages for the fault's parameter `seconds`, and then send them together."""
     outgoing.gather = max(outgoing.gather, fault.number('seconds'))
 
 
 def one_byte(outgoing: OutgoingMessage, _fault: Fault, _chance: random.Random) -> None:
-    """Send the message byte by byte."""
     outgoing.one_byte = True
 
 
 def bit_errors(outgoing: OutgoingMessage, fault: Fault, chance: random.Random) -> None:
-    """Flip as many bits as the fault's parameter `bits`, with the probability `rate`."""
     if chance.random() >= fault.number('rate'):
         return
     data = bytearray(outgoing.data)
@@ -72,7 +65,7 @@ def bit_errors(outgoing: OutgoingMessage, fault: Fault, chance: random.Random) -
 
 
 def wrong_length(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) -> None:
-    """Overwrite the length with the fault's `value`, or with the true length plus its `add`."""
+    """Overwrite the length field with the fault's `value`, or add the fault's `add` to it."""
     order = byte_order(outgoing.data)
     if order is None:  # already disturbed by another fault
         return
@@ -101,11 +94,10 @@ DISTURBANCES: dict[str, Disturbance] = {
     'late_reply': delay,
     'wrong_byte_order': wrong_byte_order,
 }
-"""Fault name → function that applies the fault to a message."""
 
 
 def byte_order(message: bytes) -> ByteOrder | None:
-    """Return the byte order in which the length field of a message is right, or None."""
+    """Return the byte order in which the length field of a message is correct, or None."""
     if len(message) < _WORD_BYTES:
         return None
     for order in ByteOrder:
@@ -115,7 +107,6 @@ def byte_order(message: bytes) -> ByteOrder | None:
 
 
 def is_reply(message: bytes) -> bool:
-    """Return whether a message is a reply, according to its header."""
     order = byte_order(message)
     if order is None or len(message) < _HEADER_BYTES:
         return False

@@ -3,11 +3,11 @@
 """The kinds of faults, as one table, and faults as text.
 
 A fault disturbs messages of the controller, cuts or silences connections, or is a failure of the
-controller itself. No fault changes a byte from a client: a session receives the bytes that were
-sent, or nothing. So no fault can cause a motion.
+controller itself. No fault changes the bytes that a client sends: a session receives these bytes
+or nothing. So no fault can cause a motion.
 
-The text of a fault is its name, followed by parameters `key=value`, separated by spaces, commas or
-a colon. One parser therefore reads the command line (`delay:seconds=0.2,port=state`), the
+The text of a fault is its name, followed by parameters `key=value`. Spaces, commas or a colon
+separate them. One parser therefore reads the command line (`delay:seconds=0.2,port=state`), the
 pendant's input (`delay seconds=0.2`) and the remote port. The key of the first parameter may be
 omitted.
 """
@@ -19,21 +19,29 @@ from textwrap import wrap
 
 from epson_driver.simple_message import MAX_JOINTS
 
-DATA_PORTS = ('motion', 'state', 'io')
-"""The ports that carry simple messages."""
+DATA_PORTS = ('motion', 'state', 'io')  # ports that carry simple messages
 
 REMOTE_PORT = 'remote'
-"""The port through which users clear faults. A fault needs a duration to affect this port."""
+"""The port through which users clear faults. A fault of this port must have a duration."""
 
-MAX_SECONDS = 3600.0  # s
+REAL_TIME_PORT = 'rtmc'
+"""The UDP port of Real-time Motion Control. DDS delivers each message completely."""
+
+MAX_SECONDS = 3600.0  # maximum value of a duration, s
 MAX_COUNT = 1_000_000
 
 Value = float | None
-"""Value of a parameter. None: not specified. The parameter's text then describes the effect."""
+"""Value of a parameter, or None if it is not specified.
+
+The parameter's text then describes the effect.
+"""
 
 
 class FaultError(ValueError):
-    """The text of a fault is invalid. The message names the parameter, its value and the limit."""
+    """The text of a fault is invalid.
+
+    The message names the parameter, its value and the permitted values.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +62,6 @@ class Parameter:
 
     @property
     def range(self) -> str:
-        """The allowed range, in words."""
         if self.choices:
             return ' or '.join(self.choices)
         unit = f' {self.unit}' if self.unit else ''
@@ -71,7 +78,6 @@ class Parameter:
         return value
 
     def write(self, value: float) -> str:
-        """Return a value as text, the inverse of `read`."""
         if self.choices:
             return self.choices[int(value)]
         return str(int(value)) if float(value).is_integer() else repr(value)
@@ -82,7 +88,7 @@ class Kind:
     """A kind of fault, described by `text`, and the ports that it can affect.
 
     `replies`: it affects only replies to requests. `boots`: it closes all connections, including
-    that of the requesting client, and cannot be ended early.
+    the connection of the client that requests it, and cannot be ended early.
     """
 
     text: str
@@ -95,15 +101,12 @@ class Kind:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault with the values of all parameters, and the ports that it affects."""
-
     name: str
     values: Mapping[str, Value]
     ports: tuple[str, ...] = ()
 
     @property
     def kind(self) -> Kind:
-        """The kind of this fault."""
         return FAULTS[self.name]
 
     def number(self, name: str) -> float:
@@ -143,7 +146,6 @@ def _joint(text: str, default: int, low: int) -> Parameter:
 
 
 def _on_links(text: str, *parameters: Parameter) -> Kind:
-    """Return a kind of fault that affects connections, including those of the remote port."""
     return Kind(text, (*parameters, AFTER), (*DATA_PORTS, REMOTE_PORT), DATA_PORTS)
 
 
@@ -252,14 +254,16 @@ FAULTS: dict[str, Kind] = {
         boots=True,
     ),
 }
-"""Name → kind of fault."""
+
+LINK_FAULTS: dict[str, frozenset[str]] = {
+    REMOTE_PORT: frozenset(name for name, kind in FAULTS.items() if REMOTE_PORT in kind.ports),
+    REAL_TIME_PORT: frozenset(('cut', 'half_open', 'delay', 'jitter', 'late_reply')),
+}
+"""The only port that a driver of some controllers uses → the faults that can affect it."""
 
 
-COLUMNS = 80
-"""Maximum line width of `describe`."""
-
+COLUMNS = 80  # maximum line width of `describe`
 _MAX_QUOTED_CHARACTERS = 40
-"""Maximum number of characters of an invalid text that an error message quotes."""
 
 
 def parse(text: str) -> Fault:
@@ -294,10 +298,10 @@ def parse(text: str) -> Fault:
 
 
 def on_ports(fault: Fault, ports: tuple[str, ...]) -> Fault:
-    """Return the fault with other ports.
+    """Return the fault with these ports.
 
-    Raises FaultError for the remote port if the fault has no duration, because clients could not
-    clear it.
+    Raises FaultError for the remote port if the fault has no duration, because clients could then
+    not clear the fault.
     """
     if REMOTE_PORT in ports and not fault.number('for'):
         raise FaultError(
@@ -319,7 +323,6 @@ def write(fault: Fault) -> str:
 
 
 def describe(names: Iterable[str] = FAULTS) -> str:
-    """Return a description of faults and their parameters for users."""
     lines = []
     for name in names:
         kind = FAULTS[name]
@@ -331,7 +334,6 @@ def describe(names: Iterable[str] = FAULTS) -> str:
 
 
 def parameter_texts(kind: Kind) -> dict[str, str]:
-    """Return parameter name → its description, range and default."""
     texts = {}
     for parameter in kind.parameters:
         default = 'none' if parameter.default is None else parameter.write(parameter.default)

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The active faults of a controller: their start and end, and the messages that they affect.
 
-Faults are timed by the controller's clock. Random faults are reproducible: each connection has a
-separate random generator, seeded with the seed, the fault and the connection's number on its port.
+Faults are timed by the controller's clock. Random faults are reproducible, because each connection
+has a separate random generator. Its seed consists of the controller's seed, the fault and the
+connection's number on its port.
 """
 
 import logging
@@ -13,39 +14,34 @@ from collections.abc import Iterator
 from typing import Protocol
 
 from epson_driver.sim_controller.clock import Clock, Timer
-from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, is_reply
+from epson_driver.sim_controller.faults.disturbances import DISTURBANCES
 from epson_driver.sim_controller.faults.fault_kinds import (
     FAULTS,
+    LINK_FAULTS,
+    REAL_TIME_PORT,
     REMOTE_PORT,
     Fault,
     FaultError,
     on_ports,
-    parse,
     write,
 )
 
-MAX_ACTIVE_FAULTS = 16
-"""Maximum number of simultaneous faults, including those that have not started."""
+MAX_ACTIVE_FAULTS = 16  # including faults that have not started
 
 ANSWER_TIME_S = 0.1
-"""Minimum start delay of a fault that affects the remote port, s.
+"""Minimum delay before a fault of the remote port starts, s.
 
-The command that starts the fault is answered first.
+The command that requests the fault is thus answered before the fault starts.
 """
-
-__all__ = ['Actions', 'ActiveFault', 'Fault', 'FaultError', 'Faults', 'Transport', 'parse']
 
 _log = logging.getLogger(__name__)
 
 
 class Actions(Protocol):
-    """Actions of the controller that faults trigger. No action is refused or moves the arm.
-
-    Joints are indices from 0.
-    """
+    """Effects of faults on the controller, which never move the arm. Joints are indices from 0."""
 
     def freeze(self, joint: int | None) -> None:
-        """Freeze the reported position of one more joint. None unfreezes all joints."""
+        """Freeze the reported position of one more joint, or unfreeze all joints (None)."""
 
     def servo_error(self, joint: int, critical: bool = False) -> None:
         """Trigger a joint's servo error, which switches the motors off."""
@@ -65,7 +61,7 @@ class Transport(Protocol):
     def changed(self, release: bool) -> None:
         """Apply a change of the active faults.
 
-        `release`: send delayed messages now if no fault affects this connection any longer.
+        `release`: send the delayed messages if no fault affects this connection any more.
         """
 
     def cut(self) -> None:
@@ -79,8 +75,7 @@ class ActiveFault:
         self.fault = fault
         self.number = number
         self.in_effect = False
-        self.until: Timer | None = None
-        """Timer of its start, or of its end once it has started."""
+        self.until: Timer | None = None  # timer of the start, then of the end
         self._seed = seed
         self._to_skip = int(fault.number('skip'))
         self._messages_left = int(fault.number('count')) or None
@@ -88,12 +83,11 @@ class ActiveFault:
 
     @property
     def used_up(self) -> bool:
-        """Whether the fault has affected the requested number of messages."""
         return self._messages_left == 0
 
-    def affects(self, message: bytes) -> bool:
-        """Return whether the fault affects this message, and count the message."""
-        if self.fault.kind.replies and not is_reply(message):
+    def affects(self, *, reply: bool) -> bool:
+        """Return whether the fault affects a message. Each call counts one message."""
+        if self.fault.kind.replies and not reply:
             return False
         if self.used_up:
             return False
@@ -105,12 +99,10 @@ class ActiveFault:
         return True
 
     def point_reached(self) -> bool:
-        """Count a point to which the arm starts to move. Return whether it triggers the fault."""
         self._points -= 1
         return self._points == 0
 
     def chance(self, port: str, serial: int) -> random.Random:
-        """Return a new random generator for the connection with number `serial` on a port."""
         # The seed is a text, because the hash of a tuple differs between processes.
         return random.Random(f'{self._seed} {self.fault.name} {port} {serial}')  # noqa: S311
 
@@ -130,18 +122,18 @@ class ActiveFault:
 class Faults:
     """The faults of one controller, in the order in which they apply to a message.
 
-    `joints` is the number of joints. `remote_only`: the driver uses only the remote port, so
-    faults of connections always affect this port.
+    `joints` is the number of joints. `link`: the only port that the driver uses, if it is one of
+    LINK_FAULTS. Faults that disturb connections then always affect this port.
     """
 
     def __init__(
-        self, clock: Clock, seed: int, actions: Actions, joints: int, *, remote_only: bool = False
+        self, clock: Clock, seed: int, actions: Actions, joints: int, *, link: str = ''
     ) -> None:
         self._clock = clock
         self._seed = seed
         self._actions = actions
         self._joints = joints
-        self._remote_only = remote_only
+        self._link = link
         self._active: list[ActiveFault] = []
         self._frozen: set[int] = set()
         self._requests = 0
@@ -153,11 +145,13 @@ class Faults:
     def start(self, fault: Fault) -> None:
         """Start a fault, now or after the time `after` in its values, s.
 
-        Raises FaultError if the joint does not exist, if too many faults are active, or if a fault
-        of the remote port has no duration.
+        Raises FaultError if the joint does not exist, if too many faults are active, if a fault of
+        the remote port has no duration, or if Real-time Motion Control cannot have the fault.
         """
-        if self._remote_only and REMOTE_PORT in fault.kind.ports:
-            fault = on_ports(fault, (REMOTE_PORT,))
+        if fault.name in LINK_FAULTS.get(self._link, ()):
+            fault = on_ports(fault, (self._link,))
+        elif fault.ports and self._link == REAL_TIME_PORT:
+            raise FaultError(f'{fault.name}: DDS delivers each message completely')
         joint = int(fault.number('joint'))
         if joint > self._joints:
             rule = f'the robot has {self._joints} joints'
@@ -200,15 +194,14 @@ class Faults:
         return len(ended)
 
     def active(self) -> list[str]:
-        """Return the text of each fault that has not ended, see `ActiveFault.text`."""
         return [item.text(self._clock.now) for item in self._active]
 
     # Notifications and queries of the controller.
 
     def point_started(self) -> None:
-        """Record that the arm has started to move to one more point of a trajectory.
+        """Count a point to which the arm starts to move.
 
-        A fault that this triggers takes effect when the clock next advances, not within this call.
+        A fault that the point triggers takes effect when the clock next advances.
         """
         for active in list(self._active):
             if (
@@ -221,15 +214,9 @@ class Faults:
                 self._clock.after(0.0, self._actions.press_estop)
 
     def rejects(self, port: str) -> bool:
-        """Return whether new connections to a port must be closed immediately."""
         return any(active.fault.name == 'cut' for active in self._in_effect(port))
 
     # Requests of transports.
-
-    @property
-    def attached(self) -> int:
-        """Number of connections on which faults can act."""
-        return len(self._transports)
 
     def attach(self, transport: Transport) -> int:
         """Register a connection and return its number among all connections of its port."""
@@ -238,15 +225,12 @@ class Faults:
         return self._serials[transport.port]
 
     def detach(self, transport: Transport) -> None:
-        """Remove a connection. Repeated calls are allowed."""
         self._transports.pop(transport, None)
 
     def disturbing(self, port: str) -> list[ActiveFault]:
-        """Return the faults that affect messages of a port now, in the order of their requests."""
         return [item for item in self._in_effect(port) if item.fault.name in DISTURBANCES]
 
     def on_triggered(self, active: ActiveFault) -> None:
-        """End a fault if it has affected the requested number of messages."""
         if active.used_up:
             self._end(active)
 
@@ -285,7 +269,6 @@ class Faults:
         _log.warning('fault over: %s', write(active.fault))
 
     def _changed(self, release: bool = False) -> None:
-        """Notify encoders and connections of the active faults."""
         self._freeze()
         for transport in list(self._transports):
             transport.changed(release)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The transport between a session and its socket, on which faults act."""
+"""The transport between a session and its socket, which applies the active faults."""
 
 import logging
 import random
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from epson_driver.sim_controller.clock import Clock, Timer
-from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, OutgoingMessage
+from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, OutgoingMessage, is_reply
 from epson_driver.sim_controller.faults.faults import ActiveFault, Faults
 from epson_driver.sim_controller.ports import Send
 
@@ -21,7 +21,10 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class _Delayed:
-    """Bytes to send at time `due`, s. `gathered`: whether to join them with gathered bytes."""
+    """Bytes to send at the time `due`, s.
+
+    `gathered`: whether they are sent together with other gathered bytes that are due.
+    """
 
     due: float
     data: bytes
@@ -33,7 +36,7 @@ class FaultyTransport:
     """The messages of one connection. No fault changes their order.
 
     `transmit` writes to the socket immediately. `hang_up` closes the connection and is called at
-    most once, possibly within `send`.
+    most once, possibly within `send`. `is_reply` determines whether a message is a reply.
     """
 
     def __init__(
@@ -43,57 +46,51 @@ class FaultyTransport:
         faults: Faults,
         transmit: Send,
         hang_up: Callable[[], None],
+        is_reply: Callable[[bytes], bool] = is_reply,
     ) -> None:
         self.port = port
         self._clock = clock
         self._faults = faults
         self._transmit = transmit
         self._hang_up = hang_up
+        self._is_reply = is_reply
         self._disturbing: list[tuple[ActiveFault, random.Random]] = []
         self._delayed: deque[_Delayed] = deque()
         self._timer: Timer | None = None
-        self._gather_end = 0.0  # when gathered messages are sent
+        self._gather_end = 0.0  # time at which gathered messages are sent, s
         self._silent = False
         self._lost_bytes = False
         self._closed = False
         self.delayed_bytes = 0
-        """Number of bytes waiting to be transmitted."""
         self._plain = True
         self._serial = faults.attach(self)
         self.changed()
 
     def send(self, message: bytes) -> None:
-        """Send one whole message or line. Drop it if the connection is closed."""
         if self._plain:
             self._transmit(message)
         elif not self._closed:
             self._send_disturbed(message)
 
     def receive(self, data: bytes) -> bytes:
-        """Return the bytes that the session receives: `data`, or b'' if they are lost."""
+        """Return the bytes that the session receives: `data`, or b'' if a fault discards them."""
         if self._silent:
             self._lost_bytes = self._lost_bytes or bool(data)
             return b''
         return b'' if self._closed else data
 
     def close(self) -> None:
-        """Drop delayed messages after the end of the connection. Repeated calls are allowed."""
         self._closed = True
         self._plain = False
         self._drop_delayed()
         self._faults.detach(self)
 
     def cut(self) -> None:
-        """Close the connection immediately, and drop delayed messages."""
         if not self._closed:
             self.close()
             self._hang_up()
 
     def changed(self, release: bool = False) -> None:
-        """Apply a change of the active faults.
-
-        `release`: send delayed messages now if no fault affects this connection any longer.
-        """
         if self._closed:
             return
         known = dict(self._disturbing)
@@ -105,7 +102,7 @@ class FaultyTransport:
         if self._silent:
             self._drop_delayed()
         elif self._lost_bytes:
-            _log.info('%s client: bytes were lost while half open: disconnected', self.port)
+            _log.info('%s client: disconnected because a fault has discarded its bytes', self.port)
             self.cut()
             return
         if release and self._delayed and not self._disturbing:
@@ -117,7 +114,7 @@ class FaultyTransport:
         for active, chance in tuple(self._disturbing):
             if not outgoing.data:
                 break
-            if active.affects(message):
+            if active.affects(reply=self._is_reply(message)):
                 DISTURBANCES[active.fault.name](outgoing, active.fault, chance)
                 self._faults.on_triggered(active)
         if outgoing.data and not self._closed:
@@ -158,7 +155,10 @@ class FaultyTransport:
         self._update_plain()
 
     def _release(self, until: float) -> None:
-        """Transmit the messages due by `until`, s, and gathered ones in one piece."""
+        """Transmit the messages that are due by `until`, s.
+
+        Gathered messages are sent in one piece.
+        """
         while self._delayed and self._delayed[0].due <= until:
             first = self._delayed.popleft()
             data = [first.data]

@@ -13,21 +13,18 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from epson_driver.profiles.io_profile import IoProfile, Point
-from epson_driver.simple_message import IoFeature, IoRange, IoResult, IoType
+from epson_driver.simple_message import IoRange, IoResult, IoType
+from epson_driver.simple_message.io_messages import IoFeature
 
 BYTE_BITS = 8
 WORD_BITS = 16
-WORD_GROUPS = 1000
-"""Index of the group for word port 0. Lower indices are byte ports."""
-
+WORD_GROUPS = 1000  # index of the group for word port 0. Lower groups are byte ports
 Listener = Callable[[], None]
-"""Function that is called after any point has changed."""
-
 _log = logging.getLogger(__name__)
 
 
 class IoError(Exception):
-    """An I/O access is refused. The message names the address and the limit."""
+    """An I/O access is refused. The message names the address and the permitted values."""
 
     def __init__(self, result: IoResult, sentence: str) -> None:
         super().__init__(sentence)
@@ -36,12 +33,12 @@ class IoError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """The names of a type of points, and whether clients of the I/O port may write it."""
+    """The names of a type of points, and whether clients of the I/O port may write to it."""
 
     short: str
     name: str
     writable: bool
-    bits: IoType | None = None  # of a group: the type of its points
+    bits: IoType | None = None  # type of the points of a group
 
 
 _KINDS = {
@@ -60,7 +57,10 @@ _PORTS = (IoType.DIGITAL_INPUT, IoType.DIGITAL_OUTPUT, IoType.FLAG)
 
 
 class IoPoints:
-    """The values of all points. Initially outputs have their safe values, other points are 0."""
+    """The values of all points.
+
+    Initially outputs have their safe values, and other points are 0.
+    """
 
     def __init__(self, profile: IoProfile) -> None:
         self.profile = profile
@@ -78,18 +78,13 @@ class IoPoints:
     # One point, or one group.
 
     def read(self, io_type: int, index: int) -> int:
-        """Return the value of a point or a group. Raises IoError if it does not exist."""
         kind, known = self._checked(io_type, index)
         if kind.bits is not None:
             return self.read_port(kind.bits, *_port(index))
         return self._values[known][index]
 
     def write(self, io_type: int, index: int, value: int) -> None:
-        """Set an output, a group of outputs or a flag.
-
-        Raises IoError, and changes nothing, if the point does not exist or is an input, or if the
-        value is out of range.
-        """
+        """Raise IoError, and change nothing, if the point or the value is not writable."""
         kind, known = self._checked(io_type, index)
         if not kind.writable:
             raise IoError(
@@ -99,7 +94,6 @@ class IoPoints:
         self._set(kind, known, index, value)
 
     def set_input(self, io_type: int, index: int, value: int) -> None:
-        """Set an input or a group of inputs. Raises IoError if the index or value is invalid."""
         kind, known = self._checked(io_type, index)
         if kind.bits not in _INPUTS and known not in _INPUTS:
             raise IoError(
@@ -108,10 +102,7 @@ class IoPoints:
         self._set(kind, known, index, value)
 
     def reset_point(self, io_type: int, index: int) -> None:
-        """Set an output or a group of outputs to its safe value, or a flag to 0.
-
-        Raises IoError if it does not exist or is an input.
-        """
+        """Set an output or a group of outputs to its safe value, or a flag to 0."""
         kind, known = self._checked(io_type, index)
         if not kind.writable:
             raise IoError(
@@ -126,32 +117,23 @@ class IoPoints:
     # Many digital points or flags as one number.
 
     def read_port(self, io_type: IoType, port: int, width: int) -> int:
-        """Return `width` digital inputs, outputs or flags as one number.
-
-        Point `width * port` is the lowest bit. Raises IoError if the port has no points.
-        """
+        """Return `width` points as one number. Point `width * port` is the lowest bit."""
         values = self._values[io_type]
         bits = self._bits(io_type, port, width)
         return sum(values[bit] << shift for shift, bit in enumerate(bits))
 
     def write_port(self, io_type: IoType, port: int, width: int, value: int) -> None:
-        """Set the points of a port of outputs or flags, see `read_port`.
-
-        Raises IoError, and changes nothing, if the port or the value is invalid.
-        """
         if not _KINDS[io_type].writable:
             text = f'{_KINDS[io_type].short} port {port}: an input cannot be written'
             raise IoError(IoResult.TYPE_FEATURE_UNSUPPORTED, text)
         self._set_port(io_type, port, width, value)
 
     def set_input_port(self, port: int, width: int, value: int) -> None:
-        """Set the points of a port of inputs. Raises IoError if the port or value is invalid."""
         self._set_port(IoType.DIGITAL_INPUT, port, width, value)
 
     # Ranges of points.
 
     def ranges(self) -> tuple[IoRange, ...]:
-        """Return the ranges of existing points, and the operations that they support."""
         result = []
         for io_type, kind in _KINDS.items():
             features = IoFeature.STREAMING
@@ -163,7 +145,7 @@ class IoPoints:
         return tuple(result)
 
     def check_range(self, io_type: int, start: int, count: int) -> None:
-        """Raise IoError if a range is empty or a point in it does not exist."""
+        """Raise IoError if a range is empty or contains a point that does not exist."""
         kind, _ = self._checked(io_type, start)
         last = start + count - 1
         if not any(
@@ -173,7 +155,7 @@ class IoPoints:
             raise IoError(IoResult.INDEX_OUT_OF_RANGE, text)
 
     def read_range(self, io_type: int, start: int, count: int) -> tuple[int, ...]:
-        """Return the values of a range. Requires that `check_range` accepts the range."""
+        """Return the values of a range that `check_range` accepts."""
         known = IoType(io_type)
         if _KINDS[known].bits is None:
             return tuple(self._values[known][start : start + count])
@@ -182,7 +164,7 @@ class IoPoints:
     # Events that affect all points.
 
     def listen(self, listener: Listener) -> Callable[[], None]:
-        """Call `listener` after changes, until the returned function is called."""
+        """Call `listener` after each change, until the returned function is called."""
         self._listeners.append(listener)
 
         def stop() -> None:
@@ -196,19 +178,17 @@ class IoPoints:
         self._make_safe(self.profile.outputs - self.profile.keep_on_reset)
 
     def boot(self) -> None:
-        """Set every output to its safe value, and every flag to 0."""
         flags = ((IoType.FLAG, index) for index in range(self.profile.flags))
         self._make_safe([*self.profile.outputs, *flags])
 
     def client_wrote(self, client: object) -> None:
-        """Record that a client has written outputs."""
         self._writers.add(client)
 
     def client_gone(self, client: object) -> None:
         """Record that a client has disconnected.
 
-        If it was the last of the clients that have written outputs, set all outputs to their safe
-        values, except those in the profile's `keep_on_link_loss`.
+        If no other connected client has written outputs, and this one has, set all outputs to
+        their safe values, except those in the profile's `keep_on_link_loss`.
         """
         if client not in self._writers:
             return
@@ -252,7 +232,6 @@ class IoPoints:
         return f'this controller has {name} {ranges}' if ranges else f'it has no {name}'
 
     def _bits(self, io_type: IoType, port: int, width: int) -> range:
-        """Return the indices of a port's points. Raises IoError if the port has no points."""
         count = len(self._values[io_type])
         if io_type not in _PORTS or not 0 <= port * width < count:
             text = f'{_KINDS[io_type].short} port {port} of {width} bits: there are {count} points'

@@ -17,12 +17,24 @@ from epson_driver.sim_controller.ports import Send, answer, answer_frame, failur
 from epson_driver.simple_message import (
     BodyError,
     CommType,
-    ControllerFeature,
     Dialect,
     Frame,
     Framer,
     HeaderError,
     IoAddress,
+    IoResult,
+    IoType,
+    Message,
+    Packet,
+    ReplyCode,
+    decode,
+    encode,
+    reply,
+    topic,
+)
+from epson_driver.simple_message.io_messages import (
+    ALL,
+    ControllerFeature,
     IoInfo,
     IoInfoReply,
     IoOutcome,
@@ -32,29 +44,17 @@ from epson_driver.simple_message import (
     IoReadReply,
     IoReset,
     IoResetReply,
-    IoResult,
     IoSpan,
     IoSubscribe,
     IoSubscribeReply,
-    IoType,
     IoUnsubscribe,
     IoUnsubscribeReply,
     IoValues,
     IoWrite,
     IoWriteReply,
-    Message,
-    Packet,
-    ReplyCode,
-    decode,
-    encode,
-    reply,
-    topic,
 )
-from epson_driver.simple_message.io_messages import ALL
 
-MAX_CATCH_UP_PUBLICATIONS = 3
-"""Maximum number of missed publications to catch up on, besides the newest."""
-
+MAX_CATCH_UP_PUBLICATIONS = 3  # maximum number of missed publications to send, besides the newest
 MAX_RANGES = 64
 MAX_VALUES = 4096
 """Maximum number of ranges to which one client subscribes, and of values in all of them."""
@@ -70,9 +70,9 @@ def timestamp(clock: Clock) -> int:
 class IoStream:
     """Publishes the subscribed ranges every `publish_period` of the profile, and after a change.
 
-    A change is published when the clock next advances, together with all other changes until then,
-    but at the earliest `publish_interval` after the previous publication. Nothing is published
-    while `paused()` is True.
+    Changes are collected until the clock next advances, and are then published together. Two
+    publications are at least `publish_interval` apart. Nothing is published while `paused()` is
+    True.
     """
 
     def __init__(
@@ -94,10 +94,7 @@ class IoStream:
         self._stop_listening = points.listen(self._changed)
 
     def subscribe(self, span: IoSpan) -> None:
-        """Add a range, or replace the range with the same start.
-
-        Raises IoError if a point does not exist, or the client has too many subscriptions.
-        """
+        """Add a range, or replace the range with the same start."""
         self._points.check_range(span.io_type, span.start, span.count)
         key = (span.io_type, span.start)
         ranges = {**self._ranges, key: span.count}
@@ -115,7 +112,6 @@ class IoStream:
             self._start_timer()
 
     def unsubscribe(self, address: IoAddress) -> None:
-        """Remove the range with this start. Raises IoError if no range starts there."""
         key = (address.io_type, address.index)
         if key not in self._ranges:
             self._points.check_range(*key, 1)
@@ -126,7 +122,6 @@ class IoStream:
             self._cancel()
 
     def close(self) -> None:
-        """Stop publishing."""
         self._stop_listening()
         self._ranges = {}
         self._cancel()
@@ -175,13 +170,19 @@ class IoStream:
 
 _OUTPUTS = (IoType.DIGITAL_OUTPUT, IoType.ANALOG_OUTPUT, IoType.GROUP_OUTPUT)
 _RESETTABLE = (IoType.DIGITAL_OUTPUT, IoType.ANALOG_OUTPUT, IoType.FLAG)
-"""Types that a reset of ALL types includes. Groups consist of the same points."""
+"""Types of points that a reset of ALL types resets.
+
+Groups are missing, because they consist of the same points.
+"""
 
 _log = logging.getLogger(__name__)
 
 
 class IoSession:
-    """The session of one client. `available` returns why requests are refused now, or None."""
+    """The session of one client.
+
+    `available` returns why requests are currently refused, or None.
+    """
 
     def __init__(
         self,
@@ -211,7 +212,6 @@ class IoSession:
         }
 
     def receive(self, data: bytes) -> None:
-        """Process bytes from the client. Raises FrameError when frame synchronization is lost."""
         self._framer.receive_data(data)
         while self._open and (frame := self._framer.next_frame()) is not None:
             packet = self._reply(frame)
@@ -219,7 +219,6 @@ class IoSession:
                 self._send(encode(packet, self._dialect))
 
     def closed(self) -> None:
-        """Stop publishing, and notify the points that the client has disconnected."""
         if self._open:
             self._open = False
             self._stream.close()
@@ -273,7 +272,7 @@ class IoSession:
         return IoWriteReply(message.message_id, timestamp(self._clock), items)
 
     def _reset(self, message: IoReset) -> IoResetReply:
-        done = {  # each only once, because an item can contain thousands of points
+        done = {  # no duplicates, because an item can contain thousands of points
             item: self._outcome(item.io_type, item.index, self._reset_points, item)
             for item in dict.fromkeys(message.items)
         }

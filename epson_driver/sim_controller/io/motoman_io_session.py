@@ -19,29 +19,32 @@ from epson_driver.simple_message import (
     Frame,
     Framer,
     HeaderError,
-    IoCtrlReply,
     IoResult,
     IoType,
     Message,
+    ReplyCode,
+    decode,
+    encode,
+    reply,
+)
+from epson_driver.simple_message.motoman import (
+    GENERAL_INPUTS,
+    GENERAL_OUTPUTS,
+    Invalid,
+    IoCtrlReply,
     MotomanIoResult,
     ReadIoBit,
     ReadIoBitReply,
     ReadIoGroup,
     ReadIoGroupReply,
-    ReplyCode,
+    Result,
     WriteIoBit,
     WriteIoBitReply,
     WriteIoGroup,
     WriteIoGroupReply,
-    decode,
-    encode,
-    reply,
 )
-from epson_driver.simple_message.motoman import GENERAL_INPUTS, GENERAL_OUTPUTS, Invalid, Result
 
 _BIT_DIGITS = 10
-"""Divisor that separates a bit's address into its group and, as last digit, its index."""
-
 _OUT_OF_RANGE = 'it must be an existing general input or output'
 
 _log = logging.getLogger(__name__)
@@ -52,8 +55,6 @@ class _AddressError(Exception):
 
 
 class MotomanIoSession:
-    """The session of one client."""
-
     def __init__(self, points: IoPoints, dialect: Dialect, send: Send) -> None:
         self._points = points
         self._dialect = dialect
@@ -68,7 +69,6 @@ class MotomanIoSession:
         }
 
     def receive(self, data: bytes) -> None:
-        """Process bytes from the client. Raises FrameError when frame synchronization is lost."""
         self._framer.receive_data(data)
         while self._open and (frame := self._framer.next_frame()) is not None:
             message = self._answer(frame)
@@ -78,7 +78,6 @@ class MotomanIoSession:
             self._send(encode(reply(message, code), self._dialect))
 
     def closed(self) -> None:
-        """End the session and leave the outputs unchanged."""
         self._open = False
 
     def _answer(self, frame: Frame) -> Message:
@@ -124,7 +123,6 @@ class MotomanIoSession:
 
 
 def _bit(address: int) -> tuple[IoType, int]:
-    """Return the type and index of a bit. Raises _AddressError if it does not exist."""
     group, place = divmod(address, _BIT_DIGITS)
     if place >= BYTE_BITS:
         raise _AddressError(f'address {address}: its last digit must be 0 to {BYTE_BITS - 1}')
@@ -133,7 +131,6 @@ def _bit(address: int) -> tuple[IoType, int]:
 
 
 def _group(address: int) -> tuple[IoType, int]:
-    """Return the type and number of a group, from 0. Raises _AddressError if it is unknown."""
     if GENERAL_INPUTS <= address < GENERAL_OUTPUTS - 1:
         return IoType.DIGITAL_INPUT, address - GENERAL_INPUTS
     if GENERAL_OUTPUTS <= address < 2 * GENERAL_OUTPUTS - 2:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Announces a simulated controller to the other processes of this machine, by its remote port.
 
-The panel connects only to announced addresses and ports. A real controller may be reachable at an
-address of this machine, through a tunnel, and a second client could take the place of its driver.
+The panel connects only to announced addresses and ports. An address of this machine may be a
+tunnel to a real controller, where a second client could take the place of the driver.
 
 The announcement is an abstract Unix socket. It exists as long as the process that created it, and
 is visible in the same network namespace only.
@@ -12,7 +12,6 @@ is visible in the same network namespace only.
 import socket
 
 ANY = ('0.0.0.0', '::')  # noqa: S104 - compared only
-"""Addresses for listening at all addresses of this machine."""
 
 
 def _name(address: str, port: int) -> str:
@@ -22,8 +21,8 @@ def _name(address: str, port: int) -> str:
 def announce(address: str, port: int) -> socket.socket:
     """Announce a simulated controller until the returned socket is closed.
 
-    address: the IP address at which it listens. Raises OSError if another process has announced
-    one there.
+    address: the IP address at which it listens. Raises OSError if another process has announced a
+    controller at this address and port.
     """
     result = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
@@ -35,7 +34,6 @@ def announce(address: str, port: int) -> socket.socket:
 
 
 def is_announced(address: str, port: int) -> bool:
-    """Return whether a simulated controller on this machine serves an IP address and port."""
     names = [_name(address, port)]
     if _is_local(address):
         names += [_name(wildcard, port) for wildcard in ANY]

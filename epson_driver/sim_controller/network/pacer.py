@@ -15,8 +15,8 @@ class Pacer:
     """Steps the controller by the elapsed real time.
 
     The controller is stepped in every motion cycle while the arm moves, when a timer is due, and
-    before any other use of the controller, which must take place within `present`. Motion cycles
-    that are late by a whole period are counted in the controller's `timing`.
+    before any other code uses it, which must happen within `present`. Motion cycles that are late
+    by a whole period are counted in the controller's `timing`.
     """
 
     def __init__(self, controller: Controller, clock: Callable[[], float] | None = None) -> None:
@@ -25,15 +25,17 @@ class Pacer:
         self._now = self._clock()
         self._cycle = math.inf
         self._error: BaseException | None = None
-        self._failed: asyncio.Future[None] | None = None
-        """Awaited by `run`. It gets the exception of a failed step."""
+        self._failed: asyncio.Future[None] | None = None  # gets a step's exception
         self._timer: asyncio.TimerHandle | None = None
         self._context = copy_context()
         self._sleeps_until = -math.inf
 
     @contextmanager
     def present(self) -> Iterator[Controller]:
-        """Advance the controller to the current time for use. Then schedule its next step."""
+        """Advance the controller to the current time, and lend it to the caller.
+
+        Then schedule its next step.
+        """
         self._catch_up()
         try:
             yield self._controller
@@ -42,10 +44,7 @@ class Pacer:
                 self._sleep(due)
 
     async def run(self) -> None:
-        """Step the controller when its next timer is due, and every cycle while the arm moves.
-
-        Never returns. Raises the exception of a failed step.
-        """
+        """Step the controller until a step fails. Raises its exception."""
         self._failed = asyncio.get_running_loop().create_future()
         self._context = copy_context()
         if self._error is not None:
@@ -58,24 +57,25 @@ class Pacer:
             self._failed, self._sleeps_until = None, -math.inf
 
     def on_task_done(self, task: 'asyncio.Task[None]') -> None:
-        """If a client's task has failed, raise its exception in `run`, because it is a defect."""
+        """Raise the exception of a failed client task in `run`, because it is a defect."""
         if not task.cancelled() and (error := task.exception()) is not None:
-            self._fail(error)
+            self.fail(error)
 
-    def _fail(self, error: BaseException) -> None:
+    def fail(self, error: BaseException) -> None:
+        """Raise an exception in `run`, because it is a defect."""
         self._error = error
         if self._failed is not None and not self._failed.done():
             self._failed.set_exception(error)
 
     def _step(self) -> None:
-        """Step the controller, and schedule the next step.
+        """Step the controller.
 
-        The event loop calls this method directly, because waking a task would cost three calls.
+        The event loop calls this function directly, because waking a task costs three calls.
         """
         try:
             self._catch_up()
         except Exception as error:  # noqa: BLE001 - raised by `run`
-            self._fail(error)
+            self.fail(error)
             return
         if self._now >= self._cycle:
             self._cycle += CYCLE_PERIOD_S
@@ -85,7 +85,6 @@ class Pacer:
         self._sleep(self._due())
 
     def _due(self) -> float:
-        """Return the time of the next step on the real clock, s."""
         controller = self._controller
         if not controller.in_motion:
             self._cycle = math.inf
@@ -97,7 +96,6 @@ class Pacer:
         return min(self._cycle, self._now + due - controller.clock.now)
 
     def _sleep(self, until: float) -> None:
-        """Schedule the next step at the time `until` of the real clock, s."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

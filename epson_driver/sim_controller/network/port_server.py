@@ -6,7 +6,8 @@ Misbehaving clients must not prevent an operator from pressing the E-stop throug
 A client that never pauses could occupy the whole process. Therefore only one client is read per
 turn of the event loop, and each client has a budget of processor time. The motion port has no
 budget, because its STOP must not be delayed. A full remote port evicts a client to admit a new
-one. It also reserves a file descriptor, to admit a client when the process has no other one left.
+one. It also reserves a file descriptor, with which it admits a client when the process has no
+other descriptor left.
 """
 
 import asyncio
@@ -34,37 +35,30 @@ HALF_CLOSED_S = 2.0
 """Time for which a client that has shut down its sending side still receives data, s."""
 
 HANDOVER_S = 0.1
-"""Time that a new client waits on a full port, s. Its old connection may still be closing."""
+"""Time for which a new client waits at a full port, s.
+
+A previous connection may still be closing.
+"""
 
 MAX_WAITING_CLIENTS = 4
-"""Maximum number of clients waiting on a full port. Further clients are refused immediately."""
+"""Maximum number of clients waiting at a full port. Further clients are refused immediately."""
 
-BACKLOG = 64
-"""Maximum number of connections that the kernel queues. The event loop accepts one per turn."""
-
+BACKLOG = 64  # connections queued by the kernel. One is accepted per turn of the loop
 ACCEPT_RETRY_S = 0.05
-"""Delay after a failure to accept a connection, s."""
 
-_EXHAUSTED = (errno.EMFILE, errno.ENFILE)
-"""Errors of `accept` if the process or the system has no file descriptor left."""
-
-_GONE = (errno.EAGAIN, errno.EINTR, errno.ECONNABORTED)
-"""Errors of `accept` if no connection is pending, or it has already ended."""
-
+_EXHAUSTED = (errno.EMFILE, errno.ENFILE)  # no file descriptor is left
+_GONE = (errno.EAGAIN, errno.EINTR, errno.ECONNABORTED)  # no connection is pending
 _log = logging.getLogger(__name__)
 
-MAX_SAVED_S = 0.1
-"""Maximum processor time that an idle client saves up, s."""
+MAX_SAVED_S = 0.1  # maximum processor time saved by an idle client, s
 
-INITIAL_S = 0.002
-"""Processor time that a new client may use without a wait, s. It is short, so reconnecting has
-no advantage."""
+INITIAL_S = 0.002  # short, so that reconnecting has no advantage
 
 
 class CpuBudget:
-    """The processor time that a client may use without a wait.
+    """The processor time that a client may use.
 
-    It grows by a fraction of the elapsed time, up to MAX_SAVED_S.
+    It grows with the elapsed time, up to MAX_SAVED_S.
     """
 
     def __init__(self, now: float) -> None:
@@ -72,24 +66,19 @@ class CpuBudget:
         self._time = now
 
     def used(self, seconds: float, cpu_fraction: float, now: float) -> float:
-        """Record `seconds` of processor time, and return how long the client must wait, s.
-
-        `cpu_fraction` is the permitted fraction (0, 1] of the elapsed time. `now` is the time of a
-        monotonic clock, s.
-        """
+        """Record `seconds` of used processor time. Return how long the client must wait, s."""
         self._saved = min(self._saved + (now - self._time) * cpu_fraction, MAX_SAVED_S) - seconds
         self._time = now
         return max(-self._saved / cpu_fraction, 0.0)
 
 
 class SpareDescriptor:
-    """A file descriptor that is reserved for use when no other is available."""
+    """A file descriptor in reserve, for use when no other descriptor is available."""
 
     def __init__(self) -> None:
         self._descriptor: int | None = None
 
     def reserve(self) -> None:
-        """Reserve a descriptor, unless one is reserved or none is available."""
         if self._descriptor is None:
             try:
                 self._descriptor = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
@@ -97,7 +86,6 @@ class SpareDescriptor:
                 return
 
     def release(self) -> bool:
-        """Release the reserved descriptor for use. Return whether one was reserved."""
         descriptor, self._descriptor = self._descriptor, None
         if descriptor is not None:
             os.close(descriptor)
@@ -130,7 +118,6 @@ class PortRules(NamedTuple):
 
 
 def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
-    """Return the rules of all ports, in the order of `servers.Ports`."""
     replace = server.full == 'replace'
     return (
         PortRules('motion', 1, chunk=4096, cpu_fraction=None, replace=replace),  # for its STOP
@@ -147,9 +134,9 @@ def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
 class PortServer:
     """Accepts clients of one port and serves each in a separate task.
 
-    A refused client does not affect the others. All ports share the lock `turn`, so only
-    one client is read per turn of the event loop. This bounds the input between two steps of the
-    controller, however many clients send continuously.
+    A refused client does not affect the others. All ports share the lock `turn`, so only one
+    client is read per turn of the event loop. This bounds the input between two steps of the
+    controller, even if many clients send continuously.
     """
 
     def __init__(self, rules: PortRules, pacer: Pacer, turn: asyncio.Lock) -> None:
@@ -160,24 +147,20 @@ class PortServer:
         self._retry: asyncio.TimerHandle | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         clients = rules.max_clients
-        self._admitted: deque[float] = deque([-GRACE_S] * MAX_NEWCOMERS, MAX_NEWCOMERS)
-        """Times at which the latest clients were accepted, s."""
-        self._spare = SpareDescriptor()
-        """Descriptor for a client if the process has no other. Only used without `max_clients`."""
+        self._admitted: deque[float] = deque([-GRACE_S] * MAX_NEWCOMERS, MAX_NEWCOMERS)  # times, s
+        self._spare = SpareDescriptor()  # only without `max_clients`
         self._places = None if clients is None else asyncio.Semaphore(clients)
 
     @property
     def name(self) -> str:
-        """Name of the port."""
         return self._rules.name
 
     @property
     def clients(self) -> int:
-        """Number of clients that are connected, or wait on a full port."""
         return len(self._tasks)
 
     def open(self, host: str, port: int) -> int:
-        """Listen on a port (0: any free one) and return its number. Raises OSError on failure."""
+        """Listen on a port (0: any free port) and return its number. Raises OSError on failure."""
         try:
             family = socket.AF_INET6 if ':' in host else socket.AF_INET
             sock = socket.create_server((host, port), family=family, backlog=BACKLOG)
@@ -194,7 +177,6 @@ class PortServer:
         return bound
 
     async def close(self) -> None:
-        """Stop listening and disconnect all clients."""
         if self._retry is not None:
             self._retry.cancel()
         if self._sock is not None:
@@ -211,7 +193,7 @@ class PortServer:
             asyncio.get_running_loop().add_reader(self._sock, self._accept, self._sock)
 
     def _accept(self, listening: socket.socket) -> None:
-        """Accept one connection. Further ones remain queued in the operating system."""
+        """Accept one connection. Further connections remain queued in the operating system."""
         limit = self._rules.max_clients
         if limit is None and len(self._tasks) >= MAX_REMOTE_CLIENTS:
             wait = self._admitted[0] + GRACE_S - asyncio.get_running_loop().time()
@@ -249,7 +231,6 @@ class PortServer:
             self._spare.reserve()
 
     def _report_failure(self, listening: socket.socket, why: str) -> None:
-        """Log why no client can be accepted, and pause, because the loop retries immediately."""
         _log.error('%s port: cannot accept connections: %s', self._rules.name, why)
         self._pause(listening, ACCEPT_RETRY_S)
         if self._rules.max_clients is None:
@@ -257,7 +238,6 @@ class PortServer:
                 controller.clients.dismiss_remote(why)
 
     def _pause(self, listening: socket.socket, seconds: float) -> None:
-        """Accept no clients for `seconds`."""
         loop = asyncio.get_running_loop()
         loop.remove_reader(listening)
         self._retry = loop.call_later(seconds, self._listen)
@@ -319,7 +299,6 @@ class PortServer:
                 session.closed()
 
     async def _throttle(self, budget: CpuBudget, used: float) -> None:
-        """Wait if the client has used more than its processor time."""
         if self._rules.cpu_fraction is not None:
             fraction = self._rules.cpu_fraction / len(self._tasks)
             wait = budget.used(used, fraction, asyncio.get_running_loop().time())

@@ -9,25 +9,25 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
+from epson_driver.rtmc.transport import TransportError
 from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.network.announcement import announce
 from epson_driver.sim_controller.network.pacer import Pacer
 from epson_driver.sim_controller.network.port_server import PortRules, PortServer, port_rules
+from epson_driver.sim_controller.network.rtmc_server import RtmcServer
 from epson_driver.sim_controller.network.tcp_connection import TcpConnection
-from epson_driver.sim_controller.ports import ClientSession, ProgramPorts
+from epson_driver.sim_controller.spel_host.program_network import PortObject, ProgramNetwork
 
 HOST = '127.0.0.1'
-RETRY_S = 0.2
-"""Delay before a program's client port tries again to connect, s."""
-
+RETRY_S = 0.2  # before a client port of a program connects again
 MAX_UNSENT = 65_536
 
 _log = logging.getLogger(__name__)
 
 
-async def connect(session: ClientSession, port: int, pacer: Pacer) -> None:
-    """Connect a client port of a SPEL+ program, and pass on data until either side closes."""
+async def connect(session: PortObject, port: int, pacer: Pacer) -> None:
+    """Connect a client port of a SPEL+ program, and forward data until either side closes."""
     writer = None
     while writer is None and session.is_open:
         try:
@@ -53,9 +53,6 @@ async def connect(session: ClientSession, port: int, pacer: Pacer) -> None:
             await link.lost()
 
 
-_log = logging.getLogger(__name__)
-
-
 class Ports(NamedTuple):
     """TCP ports. 0 selects any free port."""
 
@@ -69,15 +66,18 @@ class ControllerServers:
     """Runs one controller in real time, with its TCP ports and its planner process, if any.
 
     `spel` contains the ports of a SPEL+ program, which are served once the program opens them.
-    `program_ports`: TCP port in the program → port to use instead (0: any free one).
+    `program_ports`: TCP port in the program → port to use instead (0: any free port). `rtmc_port`:
+    UDP port of Real-time Motion Control (0: any free port, None: Real-time Motion Control is not
+    served).
     """
 
     def __init__(
         self,
         controller: Controller,
         planner: PlannerProcess | None = None,
-        spel: ProgramPorts | None = None,
+        spel: ProgramNetwork | None = None,
         program_ports: Mapping[int, int] | None = None,
+        rtmc_port: int | None = None,
     ) -> None:
         self._controller = controller
         self._planner = planner
@@ -92,12 +92,14 @@ class ControllerServers:
             spel.connect = self._connect
         self._clients: set[asyncio.Task[None]] = set()
         self._announcement: socket.socket | None = None
+        self._rtmc: RtmcServer | None = None
+        self._rtmc_port = rtmc_port
 
     async def open(self, host: str, ports: Ports) -> Ports:
         """Start the planner, listen on all ports, and return their numbers.
 
-        Raises PlannerError if the planner does not start, OSError if a port cannot be opened. All
-        ports are then closed.
+        Raises PlannerError if the planner does not start, TransportError if Real-time Motion
+        Control cannot be served, OSError if a port cannot be opened. All ports are then closed.
         """
         self._host = host
         try:
@@ -109,7 +111,9 @@ class ControllerServers:
                     for server, port in zip(self._servers, ports, strict=True)
                 ]
             )
-        except (OSError, PlannerError):
+            if self._rtmc_port is not None:
+                self._rtmc = RtmcServer(self.pacer, host, self._rtmc_port or opened.motion)
+        except (OSError, PlannerError, TransportError):
             await self.close()
             raise
         try:
@@ -121,10 +125,10 @@ class ControllerServers:
         return opened
 
     def _listen(self, tcp_port: int) -> None:
-        """Listen for clients of a port that a SPEL+ program opens.
+        """Serve a TCP port of the SPEL+ program.
 
-        If no port is configured for it and its own number is unavailable, use any free port.
-        Raises OSError if no port can be opened.
+        Listen on the configured port. If none is configured, listen on the same port as the
+        program, or on any free port.
         """
         server = PortServer(PortRules(str(tcp_port), 1), self.pacer, self._turn)
         configured = self._program_ports.get(tcp_port)
@@ -137,8 +141,7 @@ class ControllerServers:
         self._servers.append(server)
         _log.info('port %d of the program is %s:%d', tcp_port, self._host, bound)
 
-    def _connect(self, session: ClientSession) -> None:
-        """Connect a port that a SPEL+ program opens as a client to its peer."""
+    def _connect(self, session: PortObject) -> None:
         port = self._program_ports.get(session.tcp_port) or session.tcp_port
         task = asyncio.get_running_loop().create_task(connect(session, port, self.pacer))
         self._clients.add(task)
@@ -146,7 +149,6 @@ class ControllerServers:
         task.add_done_callback(self.pacer.on_task_done)
 
     def clients(self, port: str) -> int:
-        """Return the number of clients of a port, including waiting ones."""
         return sum(server.clients for server in self._servers if server.name == port)
 
     async def run(self) -> None:
@@ -161,7 +163,6 @@ class ControllerServers:
                 )
 
     async def run_until(self, over: asyncio.Event) -> None:
-        """Run the controller in real time until `over` is set. Raises the exceptions of `run`."""
         running, ending = asyncio.create_task(self.run()), asyncio.create_task(over.wait())
         try:
             await asyncio.wait((running, ending), return_when=asyncio.FIRST_COMPLETED)
@@ -172,12 +173,13 @@ class ControllerServers:
             ending.cancel()
 
     async def close(self) -> None:
-        """Stop listening, disconnect all clients, and end the planner."""
         if self._announcement is not None:
             self._announcement.close()
         for task in self._clients:
             task.cancel()
         for server in self._servers:
             await server.close()
+        if self._rtmc is not None:
+            await self._rtmc.close()
         if self._planner is not None:
             await self._planner.close()

@@ -10,7 +10,6 @@ import struct
 from contextlib import suppress
 
 CHUNK_BYTES = 4096
-"""Default maximum number of bytes per read."""
 
 KEEPALIVE = {'TCP_KEEPIDLE': 1, 'TCP_KEEPINTVL': 1, 'TCP_KEEPCNT': 3, 'TCP_USER_TIMEOUT': 3000}
 """Socket options that detect the loss of a peer after about 4 s, if the system supports them."""
@@ -22,7 +21,7 @@ class TcpConnection:
     """The connection with one client.
 
     A client that does not read is disconnected when more than `max_unsent` bytes are queued. This
-    bounds the memory, and prevents clients from receiving stale data.
+    bounds the memory, and no client receives stale data.
     """
 
     def __init__(
@@ -36,7 +35,6 @@ class TcpConnection:
         host, port = writer.get_extra_info('peername')[:2]
         self.name = f'{name} client {host}:{port}'
         self.local = _is_loopback(host)
-        """Whether the client is on this machine."""
         self._reader = reader
         self._writer = writer
         self._max_unsent = max_unsent
@@ -50,11 +48,9 @@ class TcpConnection:
 
     @property
     def closed(self) -> bool:
-        """Whether the connection can no longer send."""
         return self._writer.transport.is_closing()
 
     def send(self, data: bytes) -> None:
-        """Send bytes, or drop them if the connection is closed."""
         if self.closed:
             return
         self._writer.write(data)
@@ -71,19 +67,18 @@ class TcpConnection:
             return b''
 
     async def lost(self) -> None:
-        """Wait until the connection is closed or lost."""
         with suppress(OSError):
             await self._writer.wait_closed()
 
     def close(self) -> None:
-        """Close the connection. Drop unsent bytes, if any, because the client does not read."""
+        """Close the connection. Unsent bytes are dropped, because their client does not read."""
         if self._writer.transport.get_write_buffer_size():
             self.abort()
         else:
             self._writer.close()
 
     def abort(self) -> None:
-        """Close immediately, and drop unsent bytes, including those in the system's buffers."""
+        """Close immediately. Unsent bytes are dropped, including bytes in the system's buffers."""
         sock: socket.socket = self._writer.get_extra_info('socket')
         if sock.fileno() >= 0:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))

@@ -8,17 +8,18 @@ The rules (REP-I0006 where specified, otherwise the thesis' program):
   smooth motion follows the points as setpoints instead of planning through them. In
   point-to-point motion, the reply follows when the arm is at rest at the point. In smooth motion
   it follows when the look-ahead buffer has room for the point, which provides the flow control.
-* Points that arrive earlier wait. All are answered in the order of arrival.
-* A refused point ends the motion. The arm brakes, and all unanswered points get FAILURE, then the
-  refused one. They do not count as accepted. If points are lost that were already answered, which
-  only happens in smooth motion, the next point must have sequence 0.
+* Points that arrive before the arm can take them wait. All points are answered in the order of
+  arrival.
+* A refused point ends the motion. The arm brakes. All unanswered points get FAILURE, and finally
+  so does the refused point. None of these points counts as accepted. In smooth motion, points that
+  were already answered may be lost, too. The next point must then have sequence 0.
 * After a STOP (sequence -4) in any condition, the arm brakes, all unanswered points get FAILURE,
   and the STOP gets SUCCESS. The next point must have sequence 0.
 * A sequence of -1 starts a download (download.py). Points sent as requests are answered when the
   program has processed them. Points sent as topics are never answered. A streamed point during a
   download ends the download, but points still in motion are completed first.
-* Replies are ignored, and topics that belong to no download are not answered. Two peers could
-  otherwise answer each other forever.
+* Replies are ignored, and topics that belong to no download are not answered. Otherwise two peers
+  could answer each other forever.
 * If a client stalls (ClientWatchdog), the arm stops as after a STOP. A PING reply with FAILURE is
   sent before the replies to the points. Each later point gets FAILURE until a STOP.
 * During a pause the arm gets no points, and no point is answered. Invalid points are still
@@ -38,7 +39,7 @@ from epson_driver.sim_controller.condition.errors import (
     corrupt,
 )
 from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.ports import UNANSWERED, answer, failure
+from epson_driver.sim_controller.ports import UNANSWERED, Program, answer, failure
 from epson_driver.sim_controller.programs.download import FIRST, LAST, Download
 from epson_driver.sim_controller.programs.point_queue import (
     Entry,
@@ -71,14 +72,12 @@ REPLIES: dict[str, Callable[[int], Message]] = {
     'sequence': JointPosition,
     'header': lambda sequence: Opaque(MessageType.JOINT_TRAJ_PT),
 }
-"""The profile's `reply` → function that returns the reply to the point with a sequence."""
 
 
 STOP = SpecialSequence.STOP_TRAJECTORY
 STREAMING = SpecialSequence.START_TRAJECTORY_STREAMING
 
 POINT_BODY_BYTES = {Real.FLOAT32: 52, Real.FLOAT64: 100}
-"""Size of the body of a JOINT_TRAJ_PT, bytes."""
 
 
 _log = logging.getLogger(__name__)
@@ -88,13 +87,11 @@ def _name(point: JointTrajPt) -> str:
     return f'JOINT_TRAJ_PT {point.sequence}'
 
 
-class MotionProgram:
-    """The program of a controller whose clients send JOINT_TRAJ_PT.
+class MotionProgram(Program):
+    """The program for JOINT_TRAJ_PT.
 
-    At most the profile's `motion.pending_limit` points wait, or the points of one download.
+    Its queue holds at most `motion.pending_limit` points, or one download.
     """
-
-    ready = True
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
@@ -108,35 +105,14 @@ class MotionProgram:
         self._send = controller.send_reply
         self._used = FieldsUsed(profile.uses)
         self._reply = REPLIES[profile.reply]
-        self._download = Download(profile.download)
+        self.download = Download(profile.download)
         self._accepted: int | None = None
         self._topics = False  # whether the client downloads by topics, which are not answered
         # Refuses each point after the client has stalled.
         self._silence_rejection: Rejection | None = None
-        self._queue = PointQueue(controller, self._answer_success, self._fail)
-
-    @property
-    def runs(self) -> bool:
-        """Always False: only SPEL+ tasks count."""
-        return False
-
-    @property
-    def paused(self) -> bool:
-        """Whether the program is paused until `resume`."""
-        return self._queue.paused
-
-    @property
-    def waiting(self) -> int:
-        """Number of points and replies in the queue."""
-        return len(self._queue)
-
-    @property
-    def downloaded(self) -> int:
-        """Number of stored points of the current download."""
-        return len(self._download)
+        self.queue = PointQueue(controller, self._answer_success, self._fail)
 
     def receive(self, frame: Frame) -> None:
-        """Execute, queue or refuse one frame."""
         point_frame = as_point_frame(frame, self._profile.accepts, POINT_BODY_BYTES[self._real])
         if point_frame is None or point_frame.comm_type == CommType.SERVICE_REPLY:
             _log.warning('not answered: message type %d', frame.msg_type)
@@ -152,14 +128,12 @@ class MotionProgram:
             self._send(response)
 
     def step(self, dt: float) -> None:
-        """Advance the arm by `dt` s, see `Program.step`."""
-        self._queue.step(dt)
+        self.queue.step(dt)
 
     def abort(self) -> None:
-        """Brake, and answer all unanswered points with FAILURE."""
-        entries, lost = self._queue.flush()
-        self._download.reject()
-        sequences = [  # None for a point of a download
+        entries, lost = self.queue.flush()
+        self.download.reject()
+        sequences = [  # None stands for a point of a download
             None if entry.reply_to is None else entry.point.sequence
             for entry in entries
             if entry.point is not None
@@ -172,17 +146,15 @@ class MotionProgram:
             self._answer(entry.reply_to, ReplyCode.FAILURE)
 
     def restart(self) -> None:
-        """Abort and discard the trajectory. The next point must have sequence 0."""
         self.abort()
-        self._download.clear()
+        self.download.clear()
         self._accepted = None
         if self._silence_rejection is not None:
             self._errors.clear(self._silence_rejection.number)
             self._silence_rejection = None
 
     def client_silent(self, seconds: float) -> None:
-        """Stop an arm with pending points because the client was silent for `seconds`."""
-        if not (self._arm.moving or len(self._queue) or len(self._download)):
+        if not (self._arm.moving or len(self.queue) or len(self.download)):
             return
         self._send(failure(MessageType.PING))
         self.restart()
@@ -191,26 +163,17 @@ class MotionProgram:
         self._errors.enter(self._silence_rejection)
 
     def detach(self) -> None:
-        """Discard the unacknowledged points of a client that has disconnected."""
-        self._queue.detach()
-        self._download.clear()
+        self.queue.detach()
+        self.download.clear()
         self._topics = False
         self._accepted = None
 
     def pause(self) -> None:
-        """Supply no points to the arm, and acknowledge no points, until `resume`."""
-        self._queue.paused = True
+        self.queue.paused = True
 
     def resume(self) -> None:
-        """Resume after `pause`."""
-        self._queue.paused = False
-        self._queue.advance()
-
-    def boot(self) -> None:
-        """Do nothing, because the boot has already called `restart`."""
-
-    def tasks(self) -> None:
-        """Return None, because condition/tasks.py lists the tasks."""
+        self.queue.paused = False
+        self.queue.advance()
 
     # Points.
 
@@ -225,7 +188,7 @@ class MotionProgram:
         elif self._silence_rejection is not None and point.sequence != STOP:
             sequence = point.sequence if packet.comm_type is CommType.SERVICE_REQUEST else None
             self._reject(sequence, self._silence_rejection.about(_name(point)))
-        elif point.sequence != STOP and self._download.concerns(point.sequence, packet.comm_type):
+        elif point.sequence != STOP and self.download.concerns(point.sequence, packet.comm_type):
             self._receive_download(point, packet.comm_type)
         elif packet.comm_type is CommType.TOPIC and self._topics:
             self._errors.enter(corrupt('no download is active').about(_name(point)))
@@ -247,7 +210,7 @@ class MotionProgram:
         self._answer(sequence, ReplyCode.SUCCESS)
 
     def _receive_request(self, point: JointTrajPt) -> None:
-        self._download.clear()
+        self.download.clear()
         outside = limits_rejection(point, self._limits)
         late = self._profile.late_failure or not self._profile.check_limits
         rejection = (
@@ -266,8 +229,8 @@ class MotionProgram:
         starts = sequence == 0 or self._accepted is None
         self._accepted = sequence
         reason = None if outside is None else outside.about(_name(point))
-        self._queue.append(Entry(self._point(point, sequence), point.sequence, starts, reason))
-        self._queue.advance()
+        self.queue.append(Entry(self._point(point, sequence), point.sequence, starts, reason))
+        self.queue.advance()
 
     def _sequence_rejection(self, point: JointTrajPt) -> Rejection | None:
         if point.sequence == LAST:
@@ -281,9 +244,9 @@ class MotionProgram:
         return corrupt(f'out of sequence: it must be {expected}')
 
     def _queue_rejection(self) -> Rejection | None:
-        if len(self._queue) < self._pending_limit:
+        if len(self.queue) < self._pending_limit:
             return None
-        return corrupt(f'{len(self._queue)} points are already pending, the maximum')
+        return corrupt(f'{len(self.queue)} points are already pending, the maximum')
 
     def _point(self, point: JointTrajPt, sequence: int) -> Point:
         velocity = point.velocity if self._used.velocity else 0.0
@@ -297,23 +260,23 @@ class MotionProgram:
     def _receive_download(self, point: JointTrajPt, comm_type: CommType) -> None:
         reply_to = point.sequence if comm_type is CommType.SERVICE_REQUEST else None
         if point.sequence == FIRST:
-            self._download.start(comm_type)
+            self.download.start(comm_type)
             self._topics = comm_type is CommType.TOPIC
             self._accepted = None
-        refused = self._download.rejected
+        refused = self.download.rejected
         if not refused and (rejection := self._download_rejection(point, reply_to)) is not None:
             self._errors.enter(rejection.about(_name(point)))
             self.abort()
             refused = True
-        points = self._download.end() if point.sequence == LAST else []
+        points = self.download.end() if point.sequence == LAST else []
         if refused:
             self._answer(reply_to, ReplyCode.FAILURE)
             return
         self._errors.clear()
         if reply_to is not None:
-            self._queue.append(Entry(reply_to=reply_to, ready_at=self._download.busy_until))
+            self.queue.append(Entry(reply_to=reply_to, ready_at=self.download.busy_until))
         self._execute(points)
-        self._queue.advance()
+        self.queue.advance()
 
     def _download_rejection(self, point: JointTrajPt, reply_to: int | None) -> Rejection | None:
         check = self._profile.check_limits
@@ -322,17 +285,16 @@ class MotionProgram:
             or numbers_rejection(point, self._used)
             or (limits_rejection(point, self._limits) if check else None)
             or (self._queue_rejection() if reply_to is not None else None)
-            or self._download.add(point, self._controller.clock.now)
+            or self.download.add(point, self._controller.clock.now)
             or (self._room_rejection() if point.sequence == LAST else None)
         )
 
     def _room_rejection(self) -> Rejection | None:
-        """Return why the queue has no room for the points of the download, or None."""
         maximum = max(self._pending_limit, self._profile.download.buffer)
-        if len(self._queue) + len(self._download) <= maximum:
+        if len(self.queue) + len(self.download) <= maximum:
             return None
         return corrupt(
-            f'{len(self._queue)} points are already pending, at most {maximum} are possible'
+            f'{len(self.queue)} points are already pending, at most {maximum} are possible'
         )
 
     def _execute(self, points: list[JointTrajPt]) -> None:
@@ -341,7 +303,7 @@ class MotionProgram:
             outside = limits_rejection(point, self._limits)
             reason = None if outside is None else outside.about(_name(point))
             target = self._point(point, index)
-            self._queue.append(Entry(target, None, index == 0, reason, self._download.busy_until))
+            self.queue.append(Entry(target, None, index == 0, reason, self.download.busy_until))
 
     # Replies.
 
@@ -370,7 +332,7 @@ class MotionProgram:
             self.abort()
             return
         self._answer(entry.reply_to, ReplyCode.FAILURE)
-        self._queue.drop()
+        self.queue.drop()
         self.detach()
         self._controller.clients.disconnect_after_flush('motion')
 

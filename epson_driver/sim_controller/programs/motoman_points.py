@@ -29,30 +29,23 @@ from epson_driver.simple_message import JointTrajPtFull, ValidFields
 from epson_driver.simple_message.motoman import Invalid, NotReady
 
 REQUIRED = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
-"""Fields that every point must have."""
 
 MAX_TIME_S = 4 * 3600.0
-"""Limit of a point's time, s. In a longer trajectory float32 is too coarse for the times."""
+"""Maximum time of a point, s. In a longer trajectory float32 is too coarse for the times."""
 
 START_TOLERANCE = 5e-4
-"""Maximum distance of each joint of point 0 from the current position, rad or m.
-
-Depending on its version, MotoROS allows 10 to 30 encoder pulses, of about 1000 per degree. This
-value corresponds to 30 pulses.
-"""
+"""Maximum distance of a joint from point 0, rad or m. MotoROS allows 30 encoder pulses."""
 
 
 class InvalidReason(NamedTuple):
-    """The reason for answering a point with INVALID: a subcode, and a sentence for the log."""
-
     subcode: Invalid
     sentence: str
 
 
 def invalid_form(point: JointTrajPtFull) -> InvalidReason | None:
-    """Return why a point is invalid regardless of other points, or None.
+    """Return why the form of a point is invalid, or None.
 
-    Values must be finite even for joints that the robot does not have.
+    All values must be finite, also those of joints that the robot does not have.
     """
     if point.robot_id != 0:
         return InvalidReason(
@@ -82,7 +75,6 @@ def invalid_form(point: JointTrajPtFull) -> InvalidReason | None:
 def invalid_start(
     point: JointTrajPtFull, position: Array, limits: JointLimits
 ) -> InvalidReason | None:
-    """Return why point 0 is invalid for an arm at rest at `position`, shape (n,), rad, or None."""
     off = np.abs(np.array(point.positions[: len(position)]) - position)
     joint = int(np.argmax(off))
     if off[joint] > START_TOLERANCE:
@@ -98,7 +90,6 @@ def invalid_start(
 def invalid_next(
     point: JointTrajPtFull, before: float, limits: JointLimits
 ) -> InvalidReason | None:
-    """Return why a later point is invalid, or None. `before`: time of the previous point, s."""
     if point.time <= before:
         sentence = (
             f'time = {point.time:g} s: must be later than {before:g} s of the previous point'
@@ -137,8 +128,8 @@ NOT_READY: tuple[tuple[NotReady, Callable[[Condition], bool]], ...] = (
 )
 """Reasons why a condition permits no motion, in MotoROS's order. The first match counts.
 
-In MotoROS, ERROR is the second one. Here it is reported only if none of these applies, because
-an E-stop or the loss of servo power can have caused the error.
+MotoROS checks ERROR second. Here ERROR is reported only if no other reason applies, because an
+E-stop or the loss of servo power can have caused the error.
 """
 
 
@@ -150,7 +141,6 @@ class TrajectoryMode:
         self._on = False
 
     def missing(self) -> NotReady | None:
-        """Return the first reason why motion is not possible, or None."""
         condition = self._controller.condition
         blocked = self._controller.motion_rejection()
         ready = condition.motors is Motors.ON and condition.tasks is Tasks.RUNNING
@@ -164,10 +154,9 @@ class TrajectoryMode:
         return NotReady.NOT_STARTED if blocked is None else NotReady.UNSPECIFIED
 
     def start(self) -> NotReady | None:
-        """Turn the mode on. Reset an alarm and switch the servos on if necessary.
+        """Reset an alarm and switch the servos on if needed.
 
-        Return why motion is still not possible, or None. An E-stop, a pause, MANUAL and stopped
-        tasks need an operator.
+        Return why motion is still not possible, or None.
         """
         condition = self._controller.condition
         needs_operator = (
@@ -193,5 +182,4 @@ class TrajectoryMode:
         return missing
 
     def end(self) -> None:
-        """Turn the trajectory mode off."""
         self._on = False

@@ -12,7 +12,8 @@ The rules (MotoROS 1.9):
 * Without a client the arm stops. The servos, the mode and the points accepted by the arm remain.
   Only waiting points are discarded. The arm resumes when the next client connects.
 * Point 0 must match the current position, and moves nothing. Each later point has the next
-  sequence, and a later time, at which the arm reaches it. All need time, position and velocity.
+  sequence and a later time, at which the arm reaches the point. All points need time, position and
+  velocity.
 * BUSY: the queue has no room for the point. It has no effect, and the client sends it again.
 * INVALID: the point is wrong and has no effect. The arm completes the points before it.
 * STOP_MOTION brakes and discards all points, in every condition. The mode remains. The next point
@@ -42,7 +43,7 @@ from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.condition.errors import clipped
 from epson_driver.sim_controller.condition.states import Event, Fault, RejectedError
 from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.ports import answer
+from epson_driver.sim_controller.ports import Program, answer
 from epson_driver.sim_controller.programs.motoman_points import (
     InvalidReason,
     TrajectoryMode,
@@ -70,9 +71,10 @@ from epson_driver.simple_message.motoman import Command, Invalid, Result
 
 
 def success(packet: Packet) -> MotionReply:
-    """Return a reply with SUCCESS and the group, sequence and command of a message.
+    """Return the reply to a message, with SUCCESS and the message's group, sequence and command.
 
-    Without a command, the message type is used. A missing group or sequence is -1.
+    If the message has no command, the reply contains the message type instead. A missing group or
+    sequence is -1.
     """
     message = packet.message
     if isinstance(message, MotionCtrl):
@@ -83,12 +85,11 @@ def success(packet: Packet) -> MotionReply:
 
 
 def unreadable(msg_type: int) -> MotionReply:
-    """Return a reply with SUCCESS to a message of which only the type is known."""
     return MotionReply(-1, -1, msg_type, Result.SUCCESS)
 
 
 def too_short(frame: Frame) -> MotionReply:
-    """Return the SUCCESS reply to a frame whose body is too short. Missing fields are 0."""
+    """Return the SUCCESS reply to a message whose body is too short. Missing fields are 0."""
     if frame.msg_type not in (MessageType.MOTION_CTRL, MessageType.JOINT_TRAJ_PT_FULL):
         return unreadable(frame.msg_type)
     order: Literal['big', 'little'] = 'big' if frame.byte_order is ByteOrder.BIG else 'little'
@@ -102,12 +103,10 @@ def too_short(frame: Frame) -> MotionReply:
 
 
 def outcome(reply: MotionReply, result: Result, subcode: int = 0) -> MotionReply:
-    """Return a copy of a reply with another result and subcode."""
     return MotionReply(reply.robot_id, reply.sequence, reply.command, result, subcode)
 
 
 def invalid(reply: MotionReply, reason: InvalidReason) -> MotionReply:
-    """Return a reply with the result INVALID, and log the reason."""
     name = reason.subcode.name
     _log.warning('refused (%d, INVALID %s): %s', reason.subcode, name, reason.sentence)
     return outcome(reply, Result.INVALID, reason.subcode)
@@ -119,13 +118,16 @@ _NOT_SERVED = (MessageType.STATUS, MessageType.JOINT_FEEDBACK, MessageType.MOTIO
 """Types of messages that end the connection, because MotoROS does not serve them here."""
 
 _Command = Callable[[MotionReply], MotionReply | None]
-"""Function that executes a command. It gets the reply for success, and returns the one to send."""
+"""Function that executes a command.
+
+Its argument is the reply for success. It returns the reply to send, or None.
+"""
 
 
-class MotomanProgram:
+class MotomanProgram(Program):
     """The program of a Motoman controller.
 
-    At most the profile's `motion.pending_limit` points wait for the arm. Further ones get BUSY.
+    If `motion.pending_limit` points are waiting, further points get BUSY.
     """
 
     def __init__(self, controller: Controller) -> None:
@@ -134,7 +136,7 @@ class MotomanProgram:
         self._pending_limit = controller.profile.motion.pending_limit
         self._send = controller.send_reply
         self._mode = TrajectoryMode(controller)
-        self._paused = False
+        self.paused = False
         # The sequence and the time of the last accepted point, or None before a point 0.
         self._last: tuple[int, float] | None = None
         self._waiting: deque[Point] = deque()
@@ -152,21 +154,9 @@ class MotomanProgram:
 
     @property
     def ready(self) -> bool:
-        """Whether motion is possible, the answer to CHECK_MOTION_READY."""
         return self._mode.missing() is None
 
-    @property
-    def runs(self) -> bool:
-        """Always False: only SPEL+ tasks count."""
-        return False
-
-    @property
-    def paused(self) -> bool:
-        """Whether the program is paused until `resume`."""
-        return self._paused
-
     def receive(self, frame: Frame) -> None:
-        """Execute, queue or refuse one frame."""
         try:
             packet = decode(frame)
         except (HeaderError, BodyError) as error:
@@ -185,7 +175,6 @@ class MotomanProgram:
             self._answer(self._execute(packet))
 
     def step(self, dt: float) -> None:
-        """Advance the arm by `dt` s, see `Program.step`."""
         time_left: float | None = dt
         while time_left is not None:
             time_left = self._arm.step(time_left)
@@ -194,12 +183,10 @@ class MotomanProgram:
                 return
 
     def abort(self) -> None:
-        """Brake, discard all points, and end the trajectory mode."""
         self._stop()
         self._mode.end()
 
     def restart(self) -> None:
-        """Discard the trajectory, see `abort`."""
         self.abort()
 
     def detach(self) -> None:
@@ -207,19 +194,12 @@ class MotomanProgram:
         self._waiting.clear()
 
     def pause(self) -> None:
-        """Supply no more points to the arm until `resume`. New points get NOT_READY, HOLD."""
-        self._paused = True
+        """Supply no more points to the arm. New points get NOT_READY, HOLD."""
+        self.paused = True
 
     def resume(self) -> None:
-        """Resume with the waiting points."""
-        self._paused = False
+        self.paused = False
         self._feed()
-
-    def boot(self) -> None:
-        """Do nothing, because the boot has already called `restart`."""
-
-    def tasks(self) -> None:
-        """Return None, because condition/tasks.py lists the tasks."""
 
     def _execute(self, packet: Packet) -> MotionReply | None:
         message, done = packet.message, success(packet)
@@ -279,7 +259,7 @@ class MotomanProgram:
         return done
 
     def _feed(self) -> None:
-        while self._waiting and not self._paused and self._arm.has_room:
+        while self._waiting and not self.paused and self._arm.has_room:
             self._arm.take(self._waiting.popleft())
 
     def _stop(self) -> None:

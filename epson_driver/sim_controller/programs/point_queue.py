@@ -32,19 +32,17 @@ from epson_driver.simple_message import (
 MIN_VELOCITY = 1e-6
 """Smallest valid velocity of a point, except 0 (not specified). A slower move would take days."""
 
-MAX_DURATION_S = 86_400.0
-"""Longest valid duration of a point, s: a day."""
+MAX_DURATION_S = 86_400.0  # a day
 
 
-POINT_REALS = 12
-"""Number of reals in a JOINT_TRAJ_PT: ten joints, velocity and duration."""
+POINT_REALS = 12  # ten joints, velocity and duration
 
 
 def as_point_frame(frame: Frame, accepts: str, size: int) -> Frame | None:
     """Return a frame as the program interprets it, or None if it is too short for a point.
 
-    accepts: the profile's `program.accepts`: 'any' interprets every frame as a point, 'longer'
-    drops surplus bytes of a point. size: size of the body of a JOINT_TRAJ_PT, bytes.
+    `accepts` is the profile's `program.accepts`: 'any' interprets every frame as a point, and
+    'longer' drops surplus bytes of a point. `size`: size of the body of a JOINT_TRAJ_PT, bytes.
     """
     minimum = size - size // POINT_REALS * 2  # velocity and duration may be missing
     if accepts == 'any':
@@ -59,10 +57,9 @@ def as_point_frame(frame: Frame, accepts: str, size: int) -> Frame | None:
 
 
 def numbers_rejection(point: JointTrajPt, used: FieldsUsed = FieldsUsed.BOTH) -> Rejection | None:
-    """Return why the numbers of a point are invalid, or None.
+    """Return why a number of a point is invalid, or None.
 
-    Values must be finite even for joints that the robot does not have. Velocity and duration
-    are checked only if they are among the fields `used` by the program.
+    Missing joints are checked, too. `used`: the fields to check.
     """
     for index, angle in enumerate(point.joints):
         if not np.isfinite(angle):
@@ -89,17 +86,18 @@ def _number_rejection(name: str, value: float) -> Rejection | None:
 
 
 def limits_rejection(point: JointTrajPt, limits: JointLimits) -> Rejection | None:
-    """Return why a joint of a point is outside its limits, or None."""
     return angles_rejection(np.array(point.joints[: len(limits.names)]), limits)
 
 
 def target_of(point: JointTrajPt, limits: JointLimits) -> Array:
-    """Return the joint angles of a point, shape (n,), rad, clipped to the limits."""
     return clipped(np.array(point.joints[: len(limits.names)]), limits)
 
 
 def sequence_of(frame: Frame) -> int:
-    """Return the sequence of a JOINT_TRAJ_PT whose header is invalid, or 0 if its body is too."""
+    """Return the sequence of a JOINT_TRAJ_PT whose header is invalid.
+
+    The result is 0 if the body is invalid, too.
+    """
     try:
         request = Frame(frame.msg_type, CommType.SERVICE_REQUEST, 0, frame.body, frame.byte_order)
         message = decode(request).message
@@ -113,7 +111,8 @@ class Entry:
     """An entry of the queue: a point for the arm, or only a reply to send.
 
     * `point`: point to which the arm moves (None: the entry is only a reply).
-    * `reply_to`: sequence of the request to answer (None: the point was not a request).
+    * `reply_to`: sequence of the request to answer (None: the point was not a request, so it needs
+      no reply).
     * `starts_trajectory`: whether a trajectory starts with the point.
     * `rejection`: why the point must not be executed (None: it may). The motion ends before it.
     * `ready_at`: earliest time of the controller at which the entry is processed, s.
@@ -127,16 +126,16 @@ class Entry:
 
 
 ROUNDING_S = 1e-9
-"""Maximum time difference caused by rounding, s."""
 
 
 class PointQueue:
     """Supplies points to the arm in order, and triggers the replies.
 
     `answered` is called with a completed entry. An entry with a rejection waits until the arm is
-    at rest at the previous point. Then `failed` is called with it, before it is removed.
-    If the profile has `program.late_failure`, an entry with a rejection is first passed to
-    `answered`, then removed, then passed to `failed`, while the arm continues to earlier points.
+    at rest at the previous point. Then `failed` is called with the entry, before the entry is
+    removed. If the profile has `program.late_failure`, an entry with a rejection does not wait: it
+    is passed to `answered`, removed, and passed to `failed`, while the arm continues to earlier
+    points.
 
     The controller is notified of a trajectory before the arm accepts its first point. This point
     is skipped if each joint is within `program.skip_first`, rad or m, of its current position. Any
@@ -162,18 +161,13 @@ class PointQueue:
         self.paused = False
 
     def __len__(self) -> int:
-        """Return the number of waiting entries."""
         return len(self._waiting)
 
     def append(self, entry: Entry) -> None:
-        """Add an entry, which a later call of `advance` processes."""
         self._waiting.append(entry)
 
     def flush(self) -> tuple[list[Entry], bool]:
-        """Brake and empty the queue.
-
-        Return the unanswered entries, and whether points are lost that were already answered.
-        """
+        """Empty the queue. Return the unanswered entries, and whether answered points are lost."""
         lost = self._arm.stop()
         entries = [] if self._current is None else [self._current]
         entries += self._waiting
@@ -182,17 +176,15 @@ class PointQueue:
         return entries, lost
 
     def drop(self) -> None:
-        """Discard the waiting entries. The arm continues to the points that it has accepted."""
         self._waiting.clear()
 
     def detach(self) -> None:
-        """Discard all pending replies, and the waiting points that need one."""
+        """Discard all pending replies, and the waiting points that need a reply."""
         if self._current is not None:
             self._current = replace(self._current, reply_to=None)
         self._waiting = deque(entry for entry in self._waiting if entry.reply_to is None)
 
     def step(self, dt: float) -> None:
-        """Advance the arm by `dt` s, see `Program.step`."""
         time_left: float | None = dt
         while time_left is not None:
             time_left = self._arm.step(time_left)
@@ -201,10 +193,6 @@ class PointQueue:
                 return
 
     def advance(self) -> None:
-        """Answer completed entries, and supply points to the arm while it has room.
-
-        Does nothing during a pause.
-        """
         while not self.paused:
             if (current := self._current) is not None:
                 if not self._done(current):
@@ -220,7 +208,10 @@ class PointQueue:
         return room and self._is_ready(entry.ready_at)
 
     def _is_ready(self, ready_at: float) -> bool:
-        """Return whether the time `ready_at`, s, has come. If not, schedule `advance` for it."""
+        """Return whether the time `ready_at`, s, has been reached.
+
+        If not, schedule `advance` for this time.
+        """
         if ready_at <= self._clock.now + ROUNDING_S:
             return True
         timer = self._timer
@@ -231,7 +222,6 @@ class PointQueue:
         return False
 
     def _start(self, entry: Entry) -> None:
-        """Make an entry the current one, and supply its point, if any, to the arm."""
         self._current = entry
         if entry.point is None:
             return

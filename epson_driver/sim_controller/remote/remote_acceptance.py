@@ -24,7 +24,10 @@ class CommandError(Exception):
 
 
 class Requirement(NamedTuple):
-    """A condition for accepting a command. `sentence` returns the reason for a refusal."""
+    """A condition for accepting a command.
+
+    `sentence` returns the reason for refusing the command if the condition is not met.
+    """
 
     text: str
     is_met: Predicate
@@ -40,7 +43,7 @@ def _no(flag: str, sentence: Callable[[Controller], str]) -> Requirement:
 
 
 def _not_ready(controller: Controller) -> str:
-    if controller.program_runs:
+    if controller.program.runs:
         return 'the program runs: stop first'
     if not controller.condition.paused:
         return 'the arm is still moving: try again when it has stopped'
@@ -76,7 +79,7 @@ def _no_tasks(controller: Controller) -> str:
 AUTO = _is('Auto', lambda _: 'the key switch is at MANUAL: turn it to AUTO first')
 READY = _is('Ready', _not_ready)
 NO_PROGRAM = Requirement(
-    'no SPEL+ program', lambda controller: not controller.program_runs, _not_ready
+    'no SPEL+ program', lambda controller: not controller.program.runs, _not_ready
 )
 PAUSED = _is('Paused', _not_paused)
 NO_ESTOP = _no('EStop', _estopped)
@@ -88,7 +91,6 @@ TASKS_RUN = Requirement('tasks run', _tasks_run, _no_tasks)
 def check(
     controller: Controller, requirements: Iterable[Requirement], event: Event | None
 ) -> None:
-    """Raise RejectedError unless all requirements are met and `event`, if any, is allowed now."""
     for requirement in requirements:
         if not requirement.is_met(controller):
             raise RejectedError(requirement.sentence(controller))
@@ -96,12 +98,11 @@ def check(
         after(controller.condition, event)
 
 
-_MAX_CHARACTERS = 20
-"""Maximum length of a number in a command, characters."""
+_MAX_CHARACTERS = 20  # in a number
 
 
 def expect(parameters: Sequence[str], minimum: int, maximum: int | None = None) -> None:
-    """Raise CommandError (FORMAT) if there are not `minimum` to `maximum` parameters."""
+    """Raise CommandError (FORMAT) if the number of parameters is not `minimum` to `maximum`."""
     maximum = minimum if maximum is None else maximum
     if not minimum <= len(parameters) <= maximum:
         count = str(minimum) if minimum == maximum else f'{minimum} to {maximum}'
@@ -110,12 +111,10 @@ def expect(parameters: Sequence[str], minimum: int, maximum: int | None = None) 
 
 
 def parameter_error(name: str, value: object, rule: str) -> CommandError:
-    """Return the error for an invalid parameter. `rule` states which values are valid."""
     return CommandError(RemoteErrorNumber.PARAMETER, f'{name} {value}: {rule}')
 
 
 def whole(name: str, text: str, low: int, high: int) -> int:
-    """Parse a whole number. Raises CommandError (PARAMETER) if it is not in `low` to `high`."""
     digits = text.removeprefix('-')
     if digits.isascii() and digits.isdecimal() and len(text) <= _MAX_CHARACTERS:
         value = int(text)
@@ -125,7 +124,6 @@ def whole(name: str, text: str, low: int, high: int) -> int:
 
 
 def hexadecimal(name: str, text: str, high: int) -> int:
-    """Parse a hexadecimal number. Raises CommandError (PARAMETER) if it is not in 0 to `high`."""
     if text and len(text) <= _MAX_CHARACTERS and not set(text.lower()) - set('0123456789abcdef'):
         value = int(text, 16)
         if value <= high:
@@ -134,7 +132,6 @@ def hexadecimal(name: str, text: str, high: int) -> int:
 
 
 def real(name: str, text: str, low: float, high: float) -> float:
-    """Parse a real number. Raises CommandError (PARAMETER) if it is not in `low` to `high`."""
     try:
         value = float(text) if len(text) <= _MAX_CHARACTERS and '_' not in text else math.nan
     except ValueError:
@@ -145,13 +142,12 @@ def real(name: str, text: str, low: float, high: float) -> float:
 
 
 def switch(name: str, text: str) -> bool:
-    """Return True for 1, False for 0. Raises CommandError (PARAMETER) if it is another text."""
     if text not in ('0', '1'):
         raise parameter_error(name, text, 'must be 0 or 1')
     return text == '1'
 
 
 def robot(parameters: Sequence[str]) -> None:
-    """Raise CommandError unless the robot is 1, 0 for all robots, or omitted."""
+    """Raise CommandError unless the robot number is 1, 0 (all robots), or omitted."""
     if parameters and parameters[0] not in ('', '0', '1'):
         raise parameter_error('robot', parameters[0], 'must be 1, the only robot')

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Table of EPSON's Remote Ethernet commands, and their execution.
 
-A command is one line, and so is its answer. `$Cmd,parameters` is answered with `#Cmd,value` (0 for
-commands without a value) or `!Cmd,error`, with the client's spelling of the name. `$Execute` is
-answered when its statement has ended. Names, acceptance and answers follow the RC+ user's guides,
-Remote Ethernet, and EPSON's client for Node-RED. `$Sim,…` (sim_commands.py) exists in the
-simulation only.
+A command is one line, and so is its answer. `$Cmd,parameters` is answered with `#Cmd,value` or
+`!Cmd,error`. The answer repeats the client's spelling of the name. The value is 0 for commands
+without a value. `$Execute` is answered when its statement has ended. Names, acceptance and answers
+follow the RC+ user's guides, Remote Ethernet, and EPSON's client for Node-RED. `$Sim,…`
+(sim_commands.py) exists in the simulation only.
 """
 
 import logging
@@ -46,7 +46,6 @@ MAX_CHARACTERS = 4060
 """Maximum length of the text of $Execute, and of its output (RC+ 7.0 user's guide)."""
 
 _SIMULATED = 'simulated'
-"""The answer to a query for a serial number or a version."""
 
 _PREFERENCES = f'{1 << 14 | 1:023b}'
 """The answer to `GetContSettings`: background tasks and advanced commands are enabled."""
@@ -54,19 +53,22 @@ _PREFERENCES = f'{1 << 14 | 1:023b}'
 
 @dataclass(slots=True)
 class Dialogue:
-    """The state of one client's session. `why` is the reason for the last refused command.
+    """The state of one client's session.
 
-    `send` is called with the answer to a command that takes time, without its terminator.
+    `why` is the reason why the last command was refused. `send` is called with the answer to a
+    command that takes time, without its terminator.
     """
 
     controller: Controller
     send: Callable[[str], None]
     enter: Callable[[], None] = lambda: None
-    """Called before a login. Raises ConnectionRefusedError if another client is logged in."""
+    """Function called before a login.
+
+    It raises ConnectionRefusedError if another client is logged in.
+    """
     logged_in: bool = False
     why: str = ''
     spelt: str = ''
-    """The client's spelling of the last command name."""
 
 
 Run = Callable[[Dialogue, list[str]], str | None]
@@ -78,7 +80,7 @@ class Command:
 
     * `usage`, `text`: the parameters, and a description.
     * `run`: function that executes the command and returns its value, if any.
-    * `event`: event that is applied after `run`, which then only checks the parameters.
+    * `event`: event that is applied after `run`. In this case `run` only checks the parameters.
     * `whole`: whether all text after the first comma is one parameter.
     * `always`: whether the command is accepted even while `$Execute` is executing.
     """
@@ -93,14 +95,13 @@ class Command:
 
     @property
     def max_parameters(self) -> int | None:
-        """The maximum number of parameters, or None if it is not limited."""
         if self.usage.endswith('…'):
             return None
         return len(self.usage.split(',')) if self.usage else 0
 
 
 class _LaterError(Exception):
-    """Raised by a command that takes time. Its answer is sent later."""
+    """A command takes time, so its answer is sent later."""
 
 
 def answer(dialogue: Dialogue, line: str) -> str | None:
@@ -124,7 +125,9 @@ def answer(dialogue: Dialogue, line: str) -> str | None:
 
 def _refused(dialogue: Dialogue, spelt: str, error: CommandError) -> str:
     dialogue.why = str(error)
-    _log.warning('remote command %s refused (%d): %s', spelt, error.number, error)
+    # A driver asks all the time, and every answer during a motion is this one.
+    level = logging.DEBUG if error.number == RemoteErrorNumber.EXECUTING else logging.WARNING
+    _log.log(level, 'remote command %s refused (%d): %s', spelt, error.number, error)
     return f'!{spelt},{error.number:d}'
 
 
@@ -169,7 +172,7 @@ def _logout(dialogue: Dialogue, _: list[str]) -> None:
 
 
 def _plain(_dialogue: Dialogue, _: list[str]) -> None:
-    """Check nothing: the command has no parameters."""
+    """Accept any parameters, because the command uses none."""
 
 
 def _robot(_dialogue: Dialogue, parameters: list[str]) -> None:
@@ -225,7 +228,7 @@ def _get_status(dialogue: Dialogue, _: list[str]) -> str:
 
 
 def _execute(dialogue: Dialogue, parameters: list[str]) -> str | None:
-    """Execute the text between the first and the last quote, which may contain quotes."""
+    """Execute the text between the first and the last quote. It may contain further quotes."""
     text = parameters[0] if parameters else ''
     if len(text) < 2 or not text.startswith('"') or not text.rstrip().endswith('"'):
         raise CommandError(RemoteErrorNumber.FORMAT, 'statements must be in double quotes')
@@ -236,7 +239,10 @@ def _execute(dialogue: Dialogue, parameters: list[str]) -> str | None:
 
 
 def _start_statement(dialogue: Dialogue, text: str) -> str | None:
-    """Start a statement and return its output. Raises _LaterError if it takes time."""
+    """Start a statement and return its output.
+
+    Raises _LaterError if the statement takes time.
+    """
     over: list[str | SpelError] = []
     answers_later, spelt = False, dialogue.spelt
 
@@ -268,7 +274,7 @@ def _printed(dialogue: Dialogue, value: str | SpelError) -> str | None:
         if value.number == ErrorNumber.NOT_SIMULATED:
             raise CommandError(RemoteErrorNumber.PARAMETER, value.text)
         if value.number not in (*OWN_NUMBERS, Shown.MOTION_ABORTED):
-            dialogue.controller.show(Rejection(value.number, value.text))
+            dialogue.controller.errors.enter(Rejection(value.number, value.text))
         raise CommandError(RemoteErrorNumber.SYSTEM, f'error {value.number}: {value.text}')
     return f'"{value[:MAX_CHARACTERS]}"' if value else None
 
@@ -351,7 +357,7 @@ _SOUND = (
     requirements.NO_ERROR,
     requirements.READY,
 )
-"""Requirements of commands. The first requirement that is not met is reported."""
+"""Requirements of commands. The first requirement that is not met is reported as the reason."""
 
 
 _SPACES = {
@@ -360,11 +366,10 @@ _SPACES = {
 }
 _SIZES = {'': (1, 'bit'), 'Byte': (BYTE_BITS, 'port'), 'Word': (WORD_BITS, 'word')}
 _SET_WHEN_READY = ('SetIO', 'SetIOByte')
-"""Commands that need only Ready. The other commands that set I/O also need AUTO."""
+"""Commands for I/O that only require Ready. The other commands that set I/O also require AUTO."""
 
 
 def _io_commands() -> dict[str, Command]:
-    """Return GetIO, SetIOByte, GetMemIOWord and the other I/O commands."""
     rows = {}
     for space, (readable, source, writable, target) in _SPACES.items():
         for size, (width, address) in _SIZES.items():
@@ -426,6 +431,4 @@ COMMANDS: dict[str, Command] = {
     'GetPrjName': Command('', 'project', _FREE, _fixed('epson_driver')),
     'Sim': Command('…', 'only in the simulation', _FREE, _sim, always=True),
 }
-"""Name → command."""
-
 _CANONICAL = {name.lower(): name for name in COMMANDS}

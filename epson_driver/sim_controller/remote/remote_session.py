@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The session of one client of the remote port: lines with commands, and their answers.
 
-A line ends with CR LF, LF or CR. Like on a real controller, a client is disconnected if it does
-not log in, or sends nothing for too long after the login.
+A line ends with CR LF, LF or CR. As on a real controller, a client is disconnected if it does not
+log in in time, or if it is silent for too long after the login.
 """
 
 import logging
@@ -19,8 +19,6 @@ MAX_LINE_CHARACTERS = MAX_CHARACTERS + len('$Execute,""')
 """Maximum length of a line without its end. A client that sends a longer one is disconnected."""
 
 LOGIN_TIMEOUT_S = 300.0
-"""Time allowed for a client to log in, s."""
-
 _ROUNDING_S = 1e-6  # s
 _CR, _LF = b'\r'[0], b'\n'[0]
 
@@ -28,7 +26,10 @@ _log = logging.getLogger(__name__)
 
 
 class RemoteSession:
-    """The session of one remote client, with a separate login. Several can exist at a time."""
+    """The session of one remote client, with a separate login.
+
+    Several sessions can exist at a time.
+    """
 
     def __init__(
         self,
@@ -44,28 +45,16 @@ class RemoteSession:
         self._line = bytearray()
         self._after_cr = False
         self._open = True
-        self._has_accepted_command = False
-        self._last_command_time = self._clock.now
+        self.has_accepted_command = False  # an accepted login, `$Sim,…` or other command
+        self.last_command_time = self._clock.now  # s, initially the time of the connection
         self._timer: Timer | None = None
         self._watch()
 
     @property
     def logged_in(self) -> bool:
-        """Whether the client is logged in."""
         return self._dialogue.logged_in
 
-    @property
-    def has_accepted_command(self) -> bool:
-        """Whether a command of the client was accepted, such as a login or `$Sim,…`."""
-        return self._has_accepted_command
-
-    @property
-    def last_command_time(self) -> float:
-        """Time of the last command, s, or of the connection if no command was received."""
-        return self._last_command_time
-
     def receive(self, data: bytes) -> None:
-        """Answer every complete line."""
         for byte in data:
             if not self._open:
                 return
@@ -80,7 +69,6 @@ class RemoteSession:
                 self._end(f'a line of more than {MAX_LINE_CHARACTERS} characters')
 
     def closed(self) -> None:
-        """End the session after the client has disconnected."""
         self._open = False
         self._line.clear()
         if self._timer is not None:
@@ -89,7 +77,7 @@ class RemoteSession:
     def _answer(self) -> None:
         text = self._line.decode('ascii', errors='replace')
         self._line.clear()
-        self._last_command_time = self._clock.now
+        self.last_command_time = self._clock.now
         if not text:  # some clients end a line with CR CR LF
             return
         try:
@@ -98,7 +86,7 @@ class RemoteSession:
             self._end(str(error))
             return
         if reply is not None:
-            self._has_accepted_command |= reply.startswith('#')
+            self.has_accepted_command |= reply.startswith('#')
             self._reply(reply)
 
     def _reply(self, reply: str) -> None:
@@ -113,11 +101,11 @@ class RemoteSession:
         return self._timeout if self._dialogue.logged_in else LOGIN_TIMEOUT_S
 
     def _watch(self) -> None:
-        """Set the timer that disconnects the client after a long silence.
+        """Set the timer for the timeout of a silent client.
 
-        An existing timer remains if it is due early enough, so the number of timers stays small.
+        An existing timer remains if it is due early enough.
         """
-        due = self._last_command_time + self._allowed_silence
+        due = self.last_command_time + self._allowed_silence
         if not self._allowed_silence or (self._timer is not None and self._timer.due <= due):
             return
         if self._timer is not None:
@@ -127,10 +115,10 @@ class RemoteSession:
     def _check_timeout(self) -> None:
         self._timer = None
         if self._dialogue.controller.command_window.executes:  # the client waits for its result
-            self._last_command_time = self._clock.now
+            self.last_command_time = self._clock.now
         if (
             self._allowed_silence
-            and self._clock.now >= self._last_command_time + self._allowed_silence - _ROUNDING_S
+            and self._clock.now >= self.last_command_time + self._allowed_silence - _ROUNDING_S
         ):
             self._end(f'no command for {self._allowed_silence:g} s')
         else:

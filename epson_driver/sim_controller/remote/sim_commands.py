@@ -32,7 +32,10 @@ IO_KINDS = {
     'AO': IoType.ANALOG_OUTPUT,
     'flag': IoType.FLAG,
 }
-"""Name in commands → I/O type. Analogue points are in mV. Flags are memory I/O."""
+"""Name in commands → I/O type.
+
+Analogue points are in mV. `flag` is a memory bit.
+"""
 
 _INPUTS = (IoType.DIGITAL_INPUT, IoType.ANALOG_INPUT)
 _ANALOG = (IoType.ANALOG_INPUT, IoType.ANALOG_OUTPUT)
@@ -43,18 +46,12 @@ _MAX_PUSH = 360.0  # degrees, or mm
 
 
 class SimCommand(NamedTuple):
-    """A command after `$Sim,`: its syntax, its description, and the function that executes it."""
-
     usage: str
     text: str
     run: Callable[[Controller, list[str]], str | None]
 
 
 def simulate(controller: Controller, parameters: list[str]) -> str | None:
-    """Execute `$Sim,parameters` and return its value, or None if it has none.
-
-    Raises CommandError if a parameter is invalid, RejectedError if the controller refuses it now.
-    """
     name = parameters[0].lower() if parameters else ''
     if name not in SIM_COMMANDS:
         raise parameter_error(
@@ -92,7 +89,7 @@ def _identity(controller: Controller, parameters: list[str]) -> str:
 def _joints(controller: Controller, parameters: list[str]) -> str:
     expect(parameters, 0)
     return ' '.join(
-        f'{value:.5f}' for value in controller.commanded * controller.model.shown_per_unit
+        f'{value:.5f}' for value in controller.arm.commanded * controller.model.shown_per_unit
     )
 
 
@@ -118,7 +115,10 @@ def _io(controller: Controller, parameters: list[str]) -> str | None:
 
 
 def _points(controller: Controller, name: str) -> str:
-    """Return `name=count:` and the indices of points that are on, or all analogue values."""
+    """Return `name=count:` and the indices of the points that are on.
+
+    For analogue points, return all values instead.
+    """
     io_type = IO_KINDS[name]
     values: list[int] = []
     for result in controller.io.ranges():

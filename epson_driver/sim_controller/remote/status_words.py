@@ -5,45 +5,44 @@
 Each status word is a table from bit to predicate. (SPEL+ language reference; RC+ user's guide,
 Remote Ethernet; the eleven flags of the RC700 generation.)
 
-Two things differ from a real controller. The tasks of the built-in programs run permanently, so a
-real controller would never be Ready. With them, Running therefore means that the arm moves or has
-a target, and Ready that it does not. With a SPEL+ program the controller is Ready when no task
-except background tasks runs, like a real one. The second difference is that warnings do not exist.
+Two things differ from a real controller. First, the tasks of the built-in programs run
+permanently, so a real controller would never be Ready. With these programs, Running therefore
+means that the arm moves or has a target, and Ready means that it does not. With a SPEL+ program,
+the controller is Ready when no task except background tasks runs, like a real controller. Second,
+warnings do not exist.
 """
 
 from collections.abc import Callable, Mapping
 
 from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.condition.states import Door, Fault, Mode, Power, Tasks
-from epson_driver.sim_controller.condition.tasks import PROGRAM, TaskState
+from epson_driver.sim_controller.condition.tasks import PROGRAM
 from epson_driver.sim_controller.core import Controller
+from epson_driver.spel import TaskState
 
 CONTROL_DEVICE = 26
-"""Number of Remote Ethernet as a control device in CtrlInfo(5)."""
-
 Predicate = Callable[[Controller], bool]
 
 
 def running(controller: Controller) -> bool:
     """Return whether the controller is Running and not paused.
 
-    Running means that the arm moves, has points or returns after an open door, or that a SPEL+
+    It is Running while the arm moves, has points or returns after an open door, and while a SPEL+
     task other than a background task runs.
     """
     condition = controller.condition
     moves = controller.moving or condition.tasks is Tasks.RECOVERING
-    return (moves or controller.program_runs) and not condition.paused
+    return (moves or controller.program.runs) and not condition.paused
 
 
 def ready(controller: Controller) -> bool:
-    """Return whether the controller is Ready: not Running, and not paused."""
     return not running(controller) and not controller.condition.paused
 
 
 def error(controller: Controller) -> bool:
     """Return whether the controller has an error or shows an error number.
 
-    TASK_ABORTED of stopped tasks does not count, because they can be started again.
+    TASK_ABORTED of stopped tasks is no error here, because the tasks can be started again.
     """
     number = controller.error_number
     if controller.condition.tasks is Tasks.STOPPED and number == ErrorNumber.TASK_ABORTED:
@@ -60,12 +59,7 @@ def _critical(controller: Controller) -> bool:
     return controller.condition.fault is Fault.CRITICAL
 
 
-def _resettable(controller: Controller) -> bool:
-    return error(controller) and not _critical(controller)
-
-
 def door_open(controller: Controller) -> bool:
-    """Return whether the safeguard door is open."""
     return controller.condition.door is Door.OPEN
 
 
@@ -85,17 +79,11 @@ def _moving(controller: Controller) -> bool:
     return controller.moving
 
 
-def _stopped_by_pause(controller: Controller) -> bool:
-    return controller.condition.paused and not controller.in_motion
-
-
 def motors_on(controller: Controller) -> bool:
-    """Return whether the motors have power."""
     return controller.condition.powered
 
 
 def power_high(controller: Controller) -> bool:
-    """Return whether the motors are at high power."""
     return controller.condition.power is Power.HIGH
 
 
@@ -111,10 +99,10 @@ def _task_runs(number: int) -> Predicate:
     task = next((task for task in PROGRAM if task.number == number), None)
     if task is None:
         return never
-    return lambda controller: task.state(controller.condition) in _ALIVE
+    return lambda controller: (
+        task.state(controller.condition) in (TaskState.RUNNING, TaskState.HALTED)
+    )
 
-
-_ALIVE = (TaskState.RUNNING, TaskState.WAITING, TaskState.HALTED, TaskState.QUICK_PAUSE)
 
 FLAGS: dict[str, Predicate] = {
     'Test': never,
@@ -149,18 +137,18 @@ CTRL_INFO_7: dict[int, Predicate] = {0x1: _not(_manual)}
 """Bits of CtrlInfo(7), the operation mode: 1 in AUTO, 0 in program mode (MANUAL)."""
 
 ROBOT_INFO_0: dict[int, Predicate] = {
-    0x2: _resettable,
+    0x2: lambda controller: error(controller) and not _critical(controller),
     0x4: _critical,
     0x8: motors_on,
     0x10: power_high,
     0x100: _not(_moving),
     0x200: _moving,
-    0x400: _stopped_by_pause,
+    0x400: lambda controller: controller.condition.paused and not controller.in_motion,
     0x4000: never,
 }
 """Bits of RobotInfo(0), the robot's state.
 
-0x100: at rest. 0x200: in motion, or paused in a motion. 0x400: stopped by a pause or the door.
+0x100: at rest. 0x200: in motion, or paused during a motion. 0x400: stopped by a pause or the door.
 0x4000: stopped by Till.
 """
 
@@ -182,10 +170,8 @@ STAT_1: dict[int, Predicate] = {0x10: motors_on}
 
 
 def word(table: Mapping[int, Predicate], controller: Controller) -> int:
-    """Return the bits of `table` that are set now."""
     return sum(bit for bit, predicate in table.items() if predicate(controller))
 
 
 def flags(controller: Controller) -> str:
-    """Return the flags of GetStatus as 0 and 1, from left to right."""
     return ''.join(str(int(predicate(controller))) for predicate in FLAGS.values())

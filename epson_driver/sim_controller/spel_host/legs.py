@@ -29,20 +29,21 @@ _log = logging.getLogger(__name__)
 
 _MM = 1000.0
 SHORTEST_PATH = 1e-6
-"""Shortest translation, m, or rotation, rad, of a path. A smaller one counts as 0."""
+"""Shortest translation, m, or rotation, rad, of a path. A smaller one is ignored."""
 
 JERK_PER_ACCELERATION = 10.0
-"""Ratio of jerk to acceleration of the tool, 1/s, which makes an acceleration ramp take 0.1 s."""
+"""Ratio of the tool's jerk to its acceleration, 1/s. An acceleration ramp then takes 0.1 s."""
 
-LOW_POWER_MM_S, LOW_POWER_MM_S2 = 50.0, 200.0
-"""Maximum SpeedS, mm/s, and AccelS, mm/s², at low power."""
+LOW_POWER_MM_S, LOW_POWER_MM_S2 = 50.0, 200.0  # maximum SpeedS, mm/s, and AccelS, mm/s²
 
-TURN_DEGREES_S, TURN_DEGREES_S2 = 50.0, 500.0
-"""Assumed initial values of SpeedR, degrees/s, and AccelR, degrees/s²."""
+TURN_DEGREES_S, TURN_DEGREES_S2 = 50.0, 500.0  # assumed initial SpeedR and AccelR
 
 
 class JointLeg:
-    """A straight line in joint space between two positions, shape (n,), rad. They may be equal."""
+    """A straight line in joint space between two positions, shape (n,), rad.
+
+    Both positions may be equal.
+    """
 
     length = 0.0
 
@@ -53,14 +54,9 @@ class JointLeg:
 
     @property
     def point(self) -> Point:
-        """The end of this leg, as a point at which the arm stops."""
         return rest_at(self.end)
 
     def limits_and_speed(self, low_power: bool, fraction: float) -> tuple[JointLimits, CurveSpeed]:
-        """Return the joint limits under Speed and Accel, and the resulting limits along this leg.
-
-        fraction: permitted fraction of the low-power tool speed.
-        """
         displacement = np.abs(self.end - self.start)
         limits = _scaled(
             self._model.limits, *self._speed_and_accel(displacement, low_power, fraction)
@@ -73,7 +69,6 @@ class JointLeg:
         return limits, CurveSpeed(float(v), float(a), float(j))
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion:
-        """Return the motion of this leg alone, starting at rest at `start`."""
         speed, accel = self._speed_and_accel(self.end - start, low_power, 1.0)
         return go(self._model.limits, start, self.end, speed, accel)
 
@@ -112,18 +107,16 @@ class StraightLeg:
 
     @property
     def point(self) -> Point:
-        """The end of this leg, as a point at which the arm stops."""
         return replace(rest_at(self.end), path=self.from_rest)
 
     def limits_and_speed(self, low_power: bool, fraction: float) -> tuple[JointLimits, CurveSpeed]:
-        """Return the joint limits, and the limits along this leg. `fraction` has no effect."""
         return _limits(self._robot, low_power), self._speed(self._robot, self._path, low_power)
 
     def motion(self, start: Array, low_power: bool) -> CurveMotion:
         """Return the motion from rest at `start`, shape (n,), rad.
 
-        After a pause, `start` is not the start of the leg, and the motion is a new straight line.
-        Raises SpelError or ValueError if no such line is possible.
+        After a pause, `start` is inside the leg. The motion then follows a new straight line from
+        there to the target. Raises SpelError or ValueError if this line is not possible.
         """
         curve, path = self.curve, self._path
         if not np.allclose(start, self.start, rtol=0.0, atol=1e-9):
@@ -133,7 +126,10 @@ class StraightLeg:
         return go_along(_limits(self._robot, low_power), curve, speed)
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion:
-        """Return `motion(…)`, or a slow motion in joint space if no straight line is possible."""
+        """Return the motion from rest at `start`.
+
+        If no straight line is possible, it is a slow motion in joint space.
+        """
         try:
             return self.motion(start, low_power)
         except (SpelError, ValueError) as error:
@@ -150,9 +146,9 @@ def jump_points(
 ) -> Sequence[Point]:
     """Return the points of a jump: one rounded arch, or a stop at the end of each leg.
 
-    legs: the moves up, across and down. heights: heights of the moves up and down, m. The jump is
-    an arch only if they exceed the depart and approach distances of the arch that the statement
-    selects, such as `C0` (SPEL+ manual p477).
+    legs: the moves up, across and down. heights: heights of the moves up and down, m. A statement
+    selects an arch such as `C0`, which has a depart and an approach distance. The jump is an arch
+    only if the heights exceed these distances (SPEL+ manual p477).
     """
     arch = [request.numbers.get(item, math.inf) / _MM for item in ('depart', 'approach')]
     points = [leg.point for leg in legs]
@@ -166,13 +162,12 @@ def jump_points(
     try:
         path.check()
     except ValueError as error:
-        _log.info('%s rests at its corners: %s', request.name.capitalize(), error)
+        _log.info('%s stops at its corners: %s', request.name.capitalize(), error)
         return points
     return [replace(rest_at(arch_legs[-1].end), path=path), *points[len(arch_legs) :]]
 
 
 def rest_at(joints: Array) -> Point:
-    """Return a point at which the arm stops, from joint angles, shape (n,), rad."""
     return Point(0, joints, 0.0, 0.0)
 
 
@@ -186,7 +181,6 @@ def _scaled(limits: JointLimits, speed: float, accel: float) -> JointLimits:
 
 
 def _straight(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed:
-    """Return the limits that SpeedS and AccelS set along a path."""
     speed = robot.controller.spel.values('SpeedS')[0]
     accel = robot.controller.spel.values('AccelS')[0]
     if low_power:
@@ -196,7 +190,6 @@ def _straight(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpee
 
 
 def _turning(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed:
-    """Return the limits that SpeedR and AccelR set along a path."""
     speed = (robot.controller.spel.values('SpeedR') or (TURN_DEGREES_S,))[0]
     accel = (robot.controller.spel.values('AccelR') or (TURN_DEGREES_S2,))[0]
     angle = math.degrees(max(path.angle, SHORTEST_PATH))

@@ -32,7 +32,6 @@ ARC_SHORT, ARC_LONG = CONSTANTS['arc_short'], CONSTANTS['arc_long']
 
 
 def points_of(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Return the points of a motion statement in order. Raises SpelError if it is impossible."""
     first, *others = MOVES[request.name](robot, request)
     # After Pass, a motion other than Pass starts from rest (SPEL+ manual p604).
     if robot.motion.passes and request.name != 'pass' and first.path is None:
@@ -59,7 +58,7 @@ def _jump(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Return the points of Jump: up to LimZ, across, and down, with stops or as one arch."""
     model = robot.controller.model
     if model.kind != SCARA:
-        raise bad('Jump', f'only a SCARA can, but {model.name} is not one: use Go')
+        raise bad('Jump', f'{model.name} is not a SCARA: use Go')
     start = robot.motion.start
     target = robot.points.joints(request.points[-1], start)
     lim_z = robot.motion.lim_z
@@ -98,12 +97,14 @@ def _line(
     samples, path = robot.points.path_to(point, start, via, level=request.name == 'arc')
     turns = path.length < SHORTEST_PATH < path.angle
     if turns and 'rot' not in request.words:
-        raise bad(name, f'only the orientation changes to {point}: {name} … ROT')
+        raise bad(name, f'only the orientation changes on the path to {point}: add ROT')
     if max(path.length, path.angle) < SHORTEST_PATH:
         return JointLeg(robot, start, start)
     turning = 'rot' in request.words and path.angle > SHORTEST_PATH  # SpeedS has no effect (p105)
     if 'rot' in request.words and not turning and request.name == 'move':
-        raise bad(name, f'the orientation does not change to {point}: without ROT')  # p551
+        raise bad(
+            name, f'the orientation does not change on the path to {point}: remove ROT'
+        )  # p551
     leg = StraightLeg(robot, point, samples, path, turning=turning)
     try:
         leg.motion(start, low_power=False)
@@ -113,9 +114,10 @@ def _line(
 
 
 def _arc_midpoint(robot: RobotContext, request: MotionRequest, start: Array) -> SpelPoint:
-    """Return an intermediate point of an arc, given as a point, angle, radius or centre.
+    """Return an intermediate point of an arc.
 
-    Raises SpelError if no such arc exists (SPEL+ manual p104-109).
+    The statement specifies it as a point, an angle, a radius or a centre. Raises SpelError if no
+    such arc exists (SPEL+ manual p104-109).
     """
     numbers, name = request.numbers, request.name.capitalize()
     if not numbers.keys() & {'angle', 'path'}:
@@ -146,7 +148,7 @@ def _arc_midpoint(robot: RobotContext, request: MotionRequest, start: Array) -> 
             raise bad('Arc3', 'a half circle needs a via point that determines its plane')
         angle = 180.0 if path == ARC_SHORT else -180.0
     if not 0.0 < abs(angle) < 360.0:
-        raise bad(name, f'{angle:g} degrees are not an arc')
+        raise bad(name, f'an arc cannot have {angle:g} degrees')
     aside = np.array([chord[1], -chord[0], 0.0]) * math.tan(math.radians(angle) / 4.0) / 2.0
     return SpelPoint('xy', (*(middle + aside), 0.0, 0.0, 0.0))
 
@@ -167,7 +169,10 @@ def _relative(robot: RobotContext, request: MotionRequest) -> MotionRequest:
 
 
 def _with_posture(robot: RobotContext, place: SpelPoint) -> SpelPoint:
-    """Return a point with the current (SCARA, SPEL+ manual p163) or the nearest posture."""
+    """Return a point with a complete posture.
+
+    A SCARA keeps its current posture (SPEL+ manual p163). Other arms take the nearest posture.
+    """
     return place if robot.controller.model.kind == SCARA else replace(place, flags=(NEAREST,))
 
 
@@ -180,7 +185,10 @@ def _relative_move(robot: RobotContext, request: MotionRequest) -> Sequence[Poin
 
 
 def _jump3(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Return the points of Jump3: up and down on lines of the tool (SPEL+ manual p476)."""
+    """Return the points of Jump3.
+
+    It moves up and down on lines of the tool (SPEL+ manual p476).
+    """
     depart, approach, target = _least_motion(robot, request)
     rise = _line(robot, request, depart, robot.motion.start)
     span: StraightLeg | JointLeg
@@ -193,7 +201,10 @@ def _jump3(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _jump_tlz(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Return the points of JumpTLZ: along the tool's Z, across, along Z (SPEL+ manual p481)."""
+    """Return the points of JumpTLZ: along the tool's Z axis, across, and along the tool's Z axis.
+
+    Source: SPEL+ manual p481.
+    """
     model = robot.controller.model
     if robot_type(model) != N_SERIES:
         raise bad('JumpTLZ', f'{model.name} is not of the N series: use Jump3')
@@ -214,7 +225,10 @@ def _pass(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _one_joint(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Return the target of JTran or PTran, which move one joint by degrees (mm) or pulses."""
+    """Return the target of JTran or PTran.
+
+    They move one joint by an angle or a distance, or by a number of pulses.
+    """
     joint = robot.joint(request.name, request.numbers['joint'])
     model = robot.controller.model
     unit = model.shown_per_unit if request.name == 'jtran' else robot.points.pulses_per_unit
@@ -252,4 +266,3 @@ MOVES: dict[str, Callable[[RobotContext, MotionRequest], Sequence[Point]]] = {
     'jtran': _one_joint,
     'ptran': _one_joint,
 }
-"""Name of a motion statement → function that returns its points."""

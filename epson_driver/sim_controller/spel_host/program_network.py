@@ -4,20 +4,18 @@
 
 A port object that the program has opened as a server serves the next client of its TCP port. Like
 on real controllers, it serves no other client until the program closes and reopens it. The manual
-does not document new clients after the end of the task that opened the port. Here they are
-refused, because no task would answer them.
+does not document what happens to new clients when the task that opened the port has ended. Here
+they are refused, because no task would answer them.
 """
 
 import logging
 from collections.abc import Callable, Mapping
 
-from epson_driver.sim_controller.ports import ClientSession, Send, Session
+from epson_driver.sim_controller.ports import Send, Session
 from epson_driver.spel import NetSettings, SpelError
 from epson_driver.spel.errors import to_add
 
-MAX_UNREAD_BYTES = 65_536
-"""Maximum number of unread bytes from a client. A client that exceeds it is disconnected."""
-
+MAX_UNREAD_BYTES = 65_536  # a client with more unread bytes is disconnected
 OPEN_FAILED = 2900
 NO_PEER = 2902
 
@@ -25,8 +23,6 @@ _log = logging.getLogger(__name__)
 
 
 class PortObject(Session):
-    """One open port object of the program, and its client if connected."""
-
     def __init__(
         self, settings: NetSettings, name: str, news: Callable[[], None], client: bool = False
     ) -> None:
@@ -35,11 +31,8 @@ class PortObject(Session):
         self.client = client
         self.connected = False
         self.had_client = False
-        """Whether the port object has, or had, a client."""
-        self.orphaned = False
-        """Whether the task that opened the port object has ended."""
-        self.is_open = True
-        """Whether the program has not closed the port object."""
+        self.orphaned = False  # whether the task that opened it has ended
+        self.is_open = True  # whether the program has the port open
         self.unread = bytearray()
         self._news = news
         self._send: Send | None = None
@@ -47,17 +40,14 @@ class PortObject(Session):
 
     @property
     def tcp_port(self) -> int:
-        """The TCP port that the program set with SetNet."""
         return self.settings.tcp_port
 
     def start(self, send: Send, close: Callable[[], None]) -> None:
-        """Start the session with a connected client."""
         self.connected = self.had_client = True
         self._send, self._close = send, close
         self._news()
 
     def receive(self, data: bytes) -> None:
-        """Store bytes from a client until the program reads them."""
         if not self.connected:
             return
         if len(self.unread) + len(data) > MAX_UNREAD_BYTES:
@@ -69,7 +59,6 @@ class PortObject(Session):
         self._news()
 
     def send(self, data: bytes) -> None:
-        """Send bytes to the client. Raises SpelError if it has disconnected."""
         if self._send is None:
             raise SpelError(NO_PEER, f'TCP port {self.settings.tcp_port} has no peer')
         self._send(data)
@@ -81,7 +70,6 @@ class PortObject(Session):
         self._news()
 
     def end(self) -> None:
-        """Close the connection with the client, if any."""
         self.is_open = False
         close = self._close
         self.closed()
@@ -92,8 +80,8 @@ class PortObject(Session):
 class ProgramNetwork:
     """The network ports that a SPEL+ program opens with OpenNet.
 
-    * `names`: TCP port in the program → name of the controller's port. A port without a name is
-      named by its number.
+    * `names`: TCP port in the program → name of the controller's port. The number of a port
+      without a name is used as its name.
     * `listen`: called with the number of a port without a name when the program first opens it as
       a server. May raise OSError.
     * `connect`: called with each port that the program opens as a client. If it is None, the port
@@ -106,17 +94,15 @@ class ProgramNetwork:
         self._objects: dict[int, PortObject] = {}
         self._listened: set[int] = set()
         self.listen: Callable[[int], None] = _nobody
-        self.connect: Callable[[ClientSession], None] | None = None
+        self.connect: Callable[[PortObject], None] | None = None
         self.news: Callable[[], None] = _nothing
 
     def name(self, tcp_port: int) -> str:
-        """Return the name of a TCP port."""
         return self._names.get(tcp_port, str(tcp_port))
 
     # Clients
 
     def rejection(self, port: str) -> str | None:
-        """Return why a client of a port cannot be served now, or None."""
         result = self._open(port)
         if result is None:
             return f'the program has not opened the {port} port'
@@ -129,7 +115,6 @@ class ProgramNetwork:
         return None
 
     def session(self, port: str, send: Send, close: Callable[[], None]) -> Session:
-        """Return the session of a new client. Requires that `rejection(port)` returns None."""
         result = self._open(port)
         if result is None:
             raise ConnectionRefusedError(self.rejection(port))
@@ -142,7 +127,6 @@ class ProgramNetwork:
     # The program
 
     def open_net(self, port: int, settings: NetSettings, server: bool) -> None:
-        """Open a port object as a server or a client. Raises SpelError if this is not possible."""
         tcp_port = settings.tcp_port
         if tcp_port == 0:
             advice = to_add('ports', f'{port}: ADDRESS:PORT')
@@ -181,44 +165,35 @@ class ProgramNetwork:
             server.start(client.receive, client.closed)
 
     def close_net(self, port: int) -> None:
-        """Close a port object if it is open."""
         result = self._objects.pop(port, None)
         if result is not None:
             result.end()
 
     def release_owner(self, port: int) -> None:
-        """Refuse new clients of a port object, because the task that opened it has ended.
-
-        A connected client remains connected until a task closes or reopens the port.
-        """
+        """Refuse new clients of a port whose task has ended. A connected client remains."""
         result = self._objects.get(port)
         if result is not None:
             result.orphaned = True
 
     def close_all(self) -> None:
-        """Close all ports of the program."""
         for port in list(self._objects):
             self.close_net(port)
 
     def connected(self, port: int) -> bool:
-        """Return whether a port object has a client."""
         result = self._objects.get(port)
         return result is not None and result.connected
 
     def received(self, port: int) -> bytes:
-        """Return the unread bytes of a port object."""
         result = self._objects.get(port)
         return bytes(result.unread) if result is not None else b''
 
     def take(self, port: int, count: int) -> bytes:
-        """Remove and return the first `count` unread bytes of a port object."""
         unread = self._objects[port].unread
         data = bytes(unread[:count])
         del unread[:count]
         return data
 
     def send(self, port: int, data: bytes) -> None:
-        """Send bytes to the client of a port object. Raises SpelError 2902 without a client."""
         result = self._objects.get(port)
         if result is None:
             raise SpelError(NO_PEER, f'port {port} has no peer')
@@ -226,7 +201,7 @@ class ProgramNetwork:
 
 
 def _nobody(_port: object) -> None:
-    """Do nothing, because without sockets clients call `session`."""
+    """Do nothing, because clients without sockets call `session` directly."""
 
 
 def _nothing() -> None:

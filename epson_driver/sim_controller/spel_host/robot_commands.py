@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Table of SPEL+ statements for the robot other than motions: motors, power, speeds, tools."""
+"""Table of SPEL+ statements for the robot, except motions: motors, power, speeds, tools."""
 
 from collections.abc import Callable, Sequence
 
@@ -18,7 +18,6 @@ Words = tuple[str, ...]
 Run = Callable[[RobotContext, Arguments, Words], Completion | None]
 
 _IGNORED = {'fine', 'ptpboost', 'qp', 'inertia', *map(str.lower, WITHOUT_EFFECT)}
-"""Statements in lower case that have no effect in the simulation."""
 
 
 MM = 1000.0
@@ -34,22 +33,16 @@ class ConditionCompletion:
 
     @property
     def done(self) -> bool:
-        """Whether the statement has ended."""
         return self._is_met()
 
     @property
     def fraction(self) -> float:
-        """Completed fraction: 0, or 1 after the end."""
         return float(self.done)
 
 
 def command(
     robot: RobotContext, name: str, arguments: Arguments, words: Words
 ) -> Completion | None:
-    """Execute the statement `name` (lower case). Return its progress if it takes time, or None.
-
-    Raises SpelError if an argument is invalid or the controller refuses the statement.
-    """
     if name in SETTING_WORDS:
         _set(robot.controller, SETTING_WORDS[name], arguments)
         return None
@@ -61,7 +54,6 @@ def command(
 def apply(
     controller: Controller, event: Event, number: ErrorNumber = ErrorNumber.MOTORS_OFF
 ) -> None:
-    """Apply an event. Raises SpelError with the error `number` if the controller refuses it."""
     try:
         controller.apply(event)
     except RejectedError as error:
@@ -189,4 +181,3 @@ COMMANDS: dict[str, Run] = {
     'arm': _only('Arm', 0),
     'robot': _only('Robot', 1),
 }
-"""Statement in lower case → function, except for settings and statements without effect."""

@@ -19,11 +19,14 @@ from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.spel import MotionRequest, SpelError
 
 SHORTEST_S = 1e-6
-"""Minimum delay of the timer for a motion's next event, s. It keeps the clock advancing."""
+"""Minimum delay of the timer for a motion's next event, s.
+
+It ensures that the clock advances.
+"""
 
 
 class Motion:
-    """A motion statement. It ends when the arm is at rest or, with CP, decelerates.
+    """A motion statement. It ends when the arm is at rest, or with CP, when the arm decelerates.
 
     `done`: whether it has ended. `error`: the error that ended it early, if any.
     """
@@ -36,16 +39,15 @@ class Motion:
 
     @property
     def fraction(self) -> float:
-        """Completed fraction of the path, 0 to 1. In a jump it is -1 before the move across."""
+        """Completed fraction of the path, 0 to 1.
+
+        In a jump, only the move across counts, and the fraction is -1 before this move.
+        """
         return 1.0 if self.done else self._fraction()
 
 
 class RobotMotion:
-    """Executes motion statements with the arm, and calls `news` at the end of each one.
-
-    The conditions of Till and Find are evaluated every `scan` s. `acquire_arm` must be called
-    before a motion, to get control of the arm. It may raise SpelError.
-    """
+    """Executes motion statements. Till and Find are evaluated every `scan` s."""
 
     def __init__(
         self,
@@ -53,9 +55,7 @@ class RobotMotion:
         clock: Clock,
         news: Callable[[], None],
         scan: float,
-        acquire_arm: Callable[[], None],
     ) -> None:
-        self.acquire_arm = acquire_arm
         self._arm = arm
         self._period = scan
         self._clock = clock
@@ -64,25 +64,18 @@ class RobotMotion:
         self._points: deque[Point] = deque()  # not yet accepted by the arm
         self._scan: Timer | None = None
         self._due: Timer | None = None
-        self.till_on = False
-        """Whether the condition of Till ended the last motion."""
-        self.sensed = False
-        """Whether the condition of Sense ended the last Jump above its target."""
-        self.find_position: Array | None = None
-        """Position of the arm when the condition of Find was met, shape (n,), rad, or None."""
+        self.till_on = False  # whether Till ended the last motion
+        self.sensed = False  # whether Sense ended the last Jump above its target
+        self.find_position: Array | None = None  # position at which Find was met, rad
         self._down: Point | None = None  # target of Jump … Sense if the condition is not met
         self._arch: Arch | None = None  # the arch of the current motion
         self._stops: list[Array] = []  # start and targets of the motion
-        self.cp = False
-        """Whether CP is On: every motion may blend into the next one."""
-        self.passes = False
-        """Whether the last motion was a Pass, which blends only into another Pass."""
-        self.lim_z = 0.0
-        """LimZ: the height of joint 3 during the move across of a Jump, m."""
+        self.cp = False  # whether every motion may blend into the next one
+        self.passes = False  # whether the last motion was a Pass, which blends into a Pass only
+        self.lim_z = 0.0  # value of LimZ, m
 
     @property
     def busy(self) -> bool:
-        """Whether a statement is executing."""
         return self._motion is not None
 
     @property
@@ -91,10 +84,9 @@ class RobotMotion:
         return self._arm.destination
 
     def execute(self, request: MotionRequest, points: Sequence[Point]) -> Motion:
-        """Start a motion to consecutive points.
+        """Start a motion that stops at each point.
 
-        The arm stops at all points except the last one, which blends into the next motion if
-        requested. Raises SpelError if another motion is executing.
+        If the request has CP, it does not stop at the last one.
         """
         if self._motion is not None:
             text = 'another task is moving the robot'
@@ -119,7 +111,6 @@ class RobotMotion:
         return motion
 
     def update(self) -> None:
-        """Supply points to the arm, end a completed statement, and schedule the next call."""
         while self._points and self._arm.has_room:
             self._arm.take(self._points.popleft())
         if self._motion is not None and not self._points and self._arm.done:
@@ -134,16 +125,15 @@ class RobotMotion:
             self._due = self._clock.after(max(due, SHORTEST_S), self.update)
 
     def abort(self, error: SpelError) -> bool:
-        """Brake, and end the current statement with an error. Return whether one was executing."""
         self._arm.stop()
         ended = self._end(error)
         self.update()
         return ended
 
     def _goes_down(self) -> bool:
-        """Evaluate the condition of Sense above the target of a Jump.
+        """Evaluate Sense when the arm is above the target of a Jump.
 
-        If it is not met, continue to the target. Return whether the statement must not end now.
+        Return whether the statement continues.
         """
         motion, down = self._motion, self._down
         self._down = None
@@ -162,8 +152,8 @@ class RobotMotion:
     def _fraction(self) -> float:
         """Return the completed fraction of the path, by its length in joint space.
 
-        Only the move across of a jump counts, because the statements in `!…!` are executed in
-        parallel with this move (SPEL+ manual p57). Before it, return -1.
+        In a jump only the move across counts, because the statements in `!…!` are executed in
+        parallel with it (SPEL+ manual p57). Before this move the result is -1.
         """
         stops, position = self._stops, self._arm.position
         parts = [float(np.linalg.norm(b - a)) for a, b in pairwise(stops)]
@@ -193,7 +183,6 @@ class RobotMotion:
         return True
 
     def _evaluate_conditions(self) -> None:
-        """Evaluate the conditions of Till and Find. Till brakes the arm."""
         motion = self._motion
         if motion is None or self.till_on:
             return

@@ -2,7 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversion between the points of a SPEL+ program and joint angles.
 
-A Cartesian point (`XY(…)`) specifies the tool position and orientation, and a posture by flags.
+A Cartesian point (`XY(…)`) specifies the position and orientation of the tool. Flags specify the
+posture of the arm.
+
+The arm follows a line or an arc of the tool exactly. The N series turns its joints as far as
+necessary (SING_VSD, SPEL+ manual p158). Other six-axis arms leave the path near a singularity of
+the wrist or the hand (SING_THRU, p157), in a way that the manual does not specify. Here such a
+path is refused.
 """
 
 import logging
@@ -21,7 +27,6 @@ from epson_driver.robots.kinematics import FULL_TURN, Kinematics, rotation_of_uv
 from epson_driver.robots.model import N_SERIES, RS_SERIES, SCARA, SIX_AXES, robot_type
 from epson_driver.robots.opw import KinematicsError
 from epson_driver.sim_controller.condition.errors import ErrorNumber, angles_rejection, clipped
-from epson_driver.sim_controller.spel_host.lines import joints_along
 from epson_driver.spel import Point, SpelError
 from epson_driver.spel.errors import bad, to_add
 from epson_driver.spel.functions import POSTURES
@@ -29,20 +34,19 @@ from epson_driver.tool_motion.pose_path import PosePath, arc, level_arc, line
 
 UNREACHABLE = 4007
 STRAIGHT_RAD = 1e-6
-"""Distance from the boundary between two postures, rad or m, within which both of them apply."""
+"""Distance from the boundary between two postures within which both postures apply, rad or m."""
 
 _MM = 1000.0
 _SIDES = ('hand', 'elbow', 'wrist')
-"""Groups of postures, in the order of the values of `Kinematics.sides`. A SCARA has the first."""
+"""Groups of postures, in the order of the values of `Kinematics.sides`.
 
-_UNDETERMINED = {RS_SERIES: {'j1a': 0}, N_SERIES: {'j1a': 0, 'j4a': 3}}
-"""Robot type → point flag → index of a joint whose angle the tool pose may leave undetermined.
-
-The flag specifies the angle (SPEL+ manual p449, p455).
+A SCARA has only `hand`.
 """
 
-_USUAL = ('j1f0', 'j2f0')
-"""Default flags, which are omitted when a point is shown."""
+_UNDETERMINED = {RS_SERIES: {'j1a': 0}, N_SERIES: {'j1a': 0, 'j4a': 3}}
+"""Robot type → flag → joint that the pose may leave undetermined (SPEL+ manual p449, p455)."""
+
+_USUAL = ('j1f0', 'j2f0')  # defaults, which are omitted when a point is shown
 
 NEAREST = 'ljm'
 """Flag of a Cartesian point that the arm reaches in the nearest possible posture."""
@@ -60,30 +64,31 @@ LEAST_MOTION: dict[int, dict[int, tuple[str, str, str, str]]] = {
 }  # fmt: skip
 """Robot type → LJM number → posture that LJM selects (SPEL+ manual p508).
 
-A row contains hand, elbow and wrist (`=`: the same as at the start of the motion, `!`: the
-opposite, a flag: this one, empty: any), then the joints that move least in the selected solution.
+A row contains hand, elbow and wrist, then the joints that move least in the selected solution.
+Hand, elbow and wrist are `=` (the same as at the start of the motion), `!` (the opposite), a flag
+(this posture), or empty (any posture).
 """
 
-ASSUMED_PULSES = 10_000.0
-"""Encoder pulses per degree or mm, if the robot model does not specify them."""
-
+ASSUMED_PULSES = 10_000.0  # pulses per degree or mm, if the model has no number
 _log = logging.getLogger(__name__)
 
 
 class RobotPoints:
-    """Conversion of points for one robot model, with its current tool."""
+    """Converts points for one robot model with its current tool."""
 
     def __init__(self, model: RobotModel) -> None:
         self._model = model
         self._kinematics = Kinematics(model)
         self._type = robot_type(model)
         self.tool = 0
-        self.tools: dict[int, Point] = {}
-        """Tool number → tool, as defined by TLSet."""
+        self.tools: dict[int, Point] = {}  # tool number → tool, set by TLSet
 
     @cached_property
     def pulses_per_unit(self) -> Array:
-        """Encoder pulses per rad or m, shape (n,). Log a warning if they are assumed."""
+        """Encoder pulses per rad or m, shape (n,).
+
+        A warning is logged if these numbers are assumed.
+        """
         model = self._model
         unknown = np.isnan(model.pulses_per_unit)
         if unknown.any():
@@ -93,7 +98,6 @@ class RobotPoints:
         return np.where(unknown, ASSUMED_PULSES * model.shown_per_unit, model.pulses_per_unit)
 
     def use(self, tool: int) -> None:
-        """Select the tool for the next motions (Tool n). Raises SpelError if it is not defined."""
         if tool and tool not in self.tools:
             advice = to_add('tools', f'{tool}: [X, Y, Z, U]')
             raise bad('Tool', f'{tool} is not defined: use TLSet, or {advice}')
@@ -101,10 +105,7 @@ class RobotPoints:
         self.tool = tool
 
     def define(self, tool: int, point: Point | None) -> None:
-        """Define a tool (TLSet), or clear it if `point` is None (TLClr).
-
-        Raises SpelError if the point is not Cartesian.
-        """
+        """Define a tool (TLSet), or clear it if `point` is None (TLClr)."""
         if point is not None and point.kind != 'xy':
             raise bad('TLSet', 'the tool must be a Cartesian point, XY(…)')
         self.tools.pop(tool, None)
@@ -116,9 +117,9 @@ class RobotPoints:
     def joints(self, point: Point, near: Array) -> Array:
         """Return the joint angles of a point within the limits, shape (n,), rad.
 
-        A Cartesian point is converted in the posture of its flags, with defaults for missing ones.
-        If several solutions remain, return the nearest one to `near`. Raises SpelError with number
-        4001 if a joint is out of range, 4007 if the point is out of reach.
+        The flags of a Cartesian point select its posture, with defaults for missing flags. If
+        several solutions remain, return the one nearest to `near`. Raises SpelError with number
+        4001 if a joint is out of range, or 4007 if the point is out of reach.
         """
         angles = self._angles(point, near)
         rejection = angles_rejection(angles, self._model.limits)
@@ -131,11 +132,9 @@ class RobotPoints:
         return np.rint(self._angles(point, near) * self.pulses_per_unit)
 
     def degrees(self, point: Point, near: Array) -> Array:
-        """Return the joint angles of a point in degrees (or mm), shape (n,)."""
         return self._angles(point, near) * self._model.shown_per_unit
 
     def place(self, angles: Array) -> Point:
-        """Return joint angles, shape (n,), rad, as a Cartesian point."""
         where, turn = self._kinematics.epson_point(angles)
         flags = [words[0] for words in self._posture(angles)]
         if self._model.kind == SCARA:
@@ -147,14 +146,14 @@ class RobotPoints:
         )
 
     def _undetermined(self, angles: Array) -> Iterator[str]:
-        """Yield the flags of the joint angles that the tool pose does not determine."""
+        """Yield the flags of the joint angles that the pose of the tool leaves undetermined."""
         for mark, joint in _UNDETERMINED.get(self._type, {}).items():
             side = self._kinematics.sides(angles)[-1 if joint else 0]
             if abs(math.remainder(side, FULL_TURN)) < STRAIGHT_RAD:
                 yield f'{mark}{math.degrees(angles[joint]):.3f}'
 
     def _with_turns(self, u: float, angles: Array) -> float:
-        """Return the orientation `u` of a SCARA, rad, with the full turns of its joints added."""
+        """Add the full turns of a SCARA's joints to the orientation `u`, rad."""
         axes = self._model.chain.axes[:, 2] * self._model.base.matrix[2, 2]
         revolute = np.array([kind == REVOLUTE for kind in self._model.joint_types])
         at_zero = self._kinematics.epson_point(np.zeros_like(angles))[1][0]
@@ -164,8 +163,8 @@ class RobotPoints:
     def stored(self, point: Point) -> Point:
         """Return a point as stored in P0, P1, …: Cartesian, with its complete posture.
 
-        Joint angles that are converted to such a point lose the turns of joints 4 and 6
-        (SPEL+ manual p79).
+        Joint angles become such a point, too, and lose the turns of joints 4 and 6 (SPEL+ manual
+        p79).
         """
         if point.kind != 'xy':
             point = self.place(self._angles(point, np.zeros(len(self._model.joint_names))))
@@ -177,7 +176,6 @@ class RobotPoints:
         return replace(point, flags=(*posture, *(f for f in point.flags if f not in posture)))
 
     def other_hand(self, point: Point, joints: Array) -> bool:
-        """Return whether a point's hand differs from that of joint angles, shape (n,)."""
         hands = next(self._posture(joints), POSTURES['hand'])
         return not {*POSTURES['hand']}.intersection(point.flags) <= {*hands}
 
@@ -203,8 +201,9 @@ class RobotPoints:
 
         `start` are the joint angles at the start, shape (n,), rad. The result has shape (k, n),
         rad, at evenly spaced fractions of the path. With `via` the path is an arc through this
-        point, and with `level` only X and Y of `via` count. Raises SpelError with number 4001 if
-        the point is out of range, 4007 if the path is out of reach or a joint would have to jump.
+        point. With `level` only X and Y of `via` are used. Raises SpelError with number 4001 if
+        the point is out of range, or 4007 if the path is out of reach or a joint would have to
+        jump.
         """
         here = self._kinematics.forward(start)
         if point.kind == 'xy':
@@ -280,7 +279,10 @@ class RobotPoints:
         return point
 
     def _fits(self, point: Point, joints: Array) -> bool:
-        """Return whether joint angles have the posture of a point. For a SCARA, compare U too."""
+        """Return whether joint angles have the posture of a point.
+
+        For a SCARA, the orientation U is compared, too.
+        """
         if self._model.kind == SCARA:
             u = math.radians(point.values[3])
             if abs(self._with_turns(u, joints) - u) > math.pi:
@@ -292,7 +294,10 @@ class RobotPoints:
         return True
 
     def _posture(self, joints: Array) -> Iterator[tuple[str, ...]]:
-        """Yield the flag of joint angles in each posture group, or at a boundary, both flags."""
+        """Yield the flag of each posture group for joint angles.
+
+        At the boundary between two postures, yield both flags.
+        """
         try:
             sides = self._kinematics.sides(joints)
         except KinematicsError:
@@ -318,7 +323,6 @@ class RobotPoints:
             raise bad(str(point), str(error)) from error
 
     def _pose(self, point: Point) -> Array:
-        """Return the tool pose of a Cartesian point in base_link, shape (4, 4), m."""
         return self._kinematics.from_base(_matrix(point))
 
 
@@ -328,7 +332,7 @@ def without_rounding(values: Array) -> list[float]:
 
 
 def _half_turns(angle: float) -> int:
-    """Return the value of J4Flag or J6Flag for a joint angle, rad (SPEL+ manual p459)."""
+    """Return J4Flag or J6Flag for the angle of this joint, rad (SPEL+ manual p459)."""
     turns = abs(angle) / np.pi
     whole = round(turns)
     if abs(turns - whole) * np.pi < STRAIGHT_RAD:
@@ -341,3 +345,64 @@ def _matrix(point: Point) -> Array:
     pose[:3, 3] = np.array(point.values[:3]) / _MM
     pose[:3, :3] = rotation_of_uvw(np.radians(point.values[3:]))
     return np.asarray(pose)
+
+
+STEP_M = 0.02
+STEP_RAD = 0.1
+"""Initial sample spacing along a path, m and rad. The spline between the samples then deviates
+from the path by some micrometres."""
+
+MIN_SAMPLES, MAX_SAMPLES = 10, 500
+FINER = 4  # times more samples if a joint jumps between two
+MAX_JOINT_STEP = 0.3  # rad or m between two samples; more is a jump
+
+NEAR_WRIST_RAD, NEAR_HAND_M = math.radians(10.0), 0.03
+"""Initial values of SingularityAngle and SingularityDist.
+
+They are the angle of joint 5 from its singularity, rad, and the distance of the wrist from the
+axis of joint 1, m.
+"""
+
+
+def joints_along(kinematics: Kinematics, path: PosePath, start: Array, avoids: bool) -> Array:
+    """Return joint angles, shape (k, n), rad, at evenly spaced fractions of a path of the tool.
+
+    `start`: joint angles at its start, shape (n,), rad. `avoids`: whether a real arm of this type
+    leaves the path near a singularity. Raises ValueError if no solution exists, KinematicsError if
+    the robot has no inverse kinematics.
+    """
+    longest = max(path.length / STEP_M, path.angle / STEP_RAD)
+    samples = min(max(math.ceil(longest), MIN_SAMPLES), MAX_SAMPLES)
+    while True:
+        try:
+            return _joints(kinematics, path, start, samples, avoids)
+        except _JumpError:
+            if samples == MAX_SAMPLES:
+                raise
+            samples = min(samples * FINER, MAX_SAMPLES)
+
+
+class _JumpError(ValueError):
+    pass
+
+
+def _joints(
+    kinematics: Kinematics, path: PosePath, start: Array, samples: int, avoids: bool
+) -> Array:
+    rows = [start]
+    for number in range(1, samples + 1):
+        result = kinematics.inverse(path.pose(number / samples), rows[-1])
+        where = f'at {number / samples * 100.0:.0f} % of the path'
+        if not len(result):
+            raise ValueError(f'out of reach {where}')
+        if np.max(np.abs(result[0] - rows[-1])) > MAX_JOINT_STEP:
+            if avoids and any(_is_near(kinematics, joints) for joints in (rows[-1], result[0])):
+                raise ValueError(f'a singularity {where}: AvoidSingularity is not simulated')
+            raise _JumpError(f'a joint would have to jump {where}')
+        rows.append(result[0])
+    return np.array(rows)
+
+
+def _is_near(kinematics: Kinematics, joints: Array) -> bool:
+    hand, _, wrist = kinematics.sides(joints)
+    return abs(hand) < NEAR_HAND_M or abs(wrist) < NEAR_WRIST_RAD

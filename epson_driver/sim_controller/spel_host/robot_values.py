@@ -26,8 +26,6 @@ _MM = 1000.0
 
 
 class RobotContext(NamedTuple):
-    """The controller with the motions and points of a SPEL+ program."""
-
     controller: Controller
     motion: RobotMotion
     points: RobotPoints
@@ -39,11 +37,13 @@ class RobotContext(NamedTuple):
 
     @property
     def encoders(self) -> Array:
-        """Joint positions that the encoders report, shape (n,), rad."""
         return self.controller.servo.position
 
     def joint(self, name: str, number: int | float | Point) -> int:
-        """Return the index (from 0) of joint `number`. Raises SpelError if it is invalid."""
+        """Return the index (from 0) of the joint with this number.
+
+        Raises SpelError if it is invalid.
+        """
         count = len(self.controller.model.joint_names)
         if isinstance(number, Point) or not 1 <= number <= count:
             raise bad(name, f'joint {number} is not in 1..{count}')
@@ -51,7 +51,6 @@ class RobotContext(NamedTuple):
 
 
 def value(robot: RobotContext, name: str, arguments: Arguments) -> Result:
-    """Return the value of function `name` (lower case). Raises SpelError if it has no value."""
     return VALUES[name](robot, arguments)
 
 
@@ -168,7 +167,7 @@ def _least_motion(robot: RobotContext, arguments: Arguments) -> Point:
 
 
 def _time(robot: RobotContext, arguments: Arguments) -> float:
-    """Return the duration of a Go from the current position, s, or 0 if it is impossible."""
+    """Return the duration of a Go from the current position, s, or 0 if this Go is impossible."""
     try:
         target = robot.points.joints(_point(arguments[0]), robot.here)
     except SpelError:
@@ -271,4 +270,3 @@ VALUES: dict[str, Callable[[RobotContext, Arguments], Result]] = {
     'ptptime': _time,
     'ljm': _least_motion,
 }
-"""Name of a SPEL+ function in lower case → function that returns its value."""

@@ -24,10 +24,9 @@ from support.driver_harness import (
 from support.event_loop import until
 from support.examples import one_in, quickly
 
-from epson_driver.driver.delivery.delivery import DeliveryRules
-from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.delivery.delivery import DeliveryRules, delivery_rules
 from epson_driver.driver.delivery.reply_rejection import RESULTS, SUBCODES, reply_rejection
-from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S
+from epson_driver.driver.delivery.streaming import MIN_DURATION_S
 from epson_driver.driver.goal.goal import GoalSettings, cause_timeout
 from epson_driver.driver.goal.goal_states import GoalState
 from epson_driver.driver.outcome import End, ErrorCode
@@ -140,10 +139,6 @@ async def test_both_interfaces_execute_a_plan(name, interface):
         assert not controller.in_motion
 
 
-def test_time_to_wait_for_a_refusal_status_depends_on_the_status_rate():
-    assert cause_timeout(load_controller_profile('fanuc').state) > 11 * 0.0238
-
-
 @pytest.mark.parametrize(
     ('name', 'interface', 'message', 'text'),
     [
@@ -236,6 +231,7 @@ async def test_download_refused_by_the_controller_ends_with_its_error():
         assert not controller.in_motion
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(7)
 async def test_inv7_long_download_queues_a_bounded_number_of_bytes():
     """Points wait while the controller does not read."""
@@ -330,22 +326,6 @@ async def test_stop_of_an_idle_motoman_sends_stop_motion():
         assert received[-1].message.command == Command.STOP_MOTION
 
 
-async def test_motoman_plan_starts_with_a_slow_approach():
-    async with cell_of('motoman') as (harness, controller, received):
-        goal = plan([0.0, 0.01, 0.5], [pose(0.01), pose(0.0101), A])
-        outcome = await harness.execute(goal).end()
-        assert outcome.end is End.SUCCEEDED, outcome
-        first, second = (
-            packet.message
-            for packet in received
-            if isinstance(packet.message, JointTrajPtFull) and packet.message.sequence < 2
-        )
-        assert first.positions[:JOINTS] == tuple(HOME)
-        speed = (second.positions[0] - first.positions[0]) / (second.time - first.time)
-        assert speed == pytest.approx(0.1 * LIMITS.velocity[0], rel=1e-3)
-        assert np.abs(where(controller) - A).max() < 1e-4
-
-
 @pytest.mark.parametrize('factor', [0.5, 0.1])
 async def test_speed_scaling_changes_motoman_times_and_velocities(factor):
     async with cell_of('motoman') as (harness, _, received):
@@ -360,27 +340,6 @@ async def test_speed_scaling_changes_motoman_times_and_velocities(factor):
 
 
 # ---- the state
-
-
-async def test_velocities_measured_by_motoman_are_used():
-    async with cell_of('motoman') as (harness, _, _):
-        goal = harness.execute(plan([0.0, 1.0], [HOME, pose(1.0)]))
-        await harness.until_moving()
-        measured = []
-        take = harness.driver.robot.on_joints
-
-        def on_joints(data, now, velocities, told):
-            sample = take(data, now, velocities, told)
-            measured.append((velocities, sample))
-            return sample
-
-        harness.driver.robot.on_joints = on_joints
-        await goal.end()
-        assert measured
-        for velocities, sample in measured:
-            assert velocities is not None
-            np.testing.assert_array_equal(sample.velocities, velocities[:JOINTS])
-        assert max(abs(sample.velocities[0]) for _, sample in measured) > 0.1
 
 
 async def test_joint_mapping_applies_to_state_and_points():

@@ -3,18 +3,15 @@
 """Texts about a prismatic joint use metres, those about a revolute joint rad."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from epson_driver.driver.goal.goal import Tolerances, check_limits, check_start
+from epson_driver.driver.goal.goal import Tolerances, check_start
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.motion import Trajectory, go, problems
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.condition.errors import angles_rejection
-from epson_driver.sim_controller.programs.motoman_points import invalid_next, invalid_start
-from epson_driver.simple_message import JointTrajPtFull, joint_data
 
 MODEL = load_robot_model('gx4_c251s')
 LIMITS = MODEL.limits
@@ -35,7 +32,7 @@ def moved(joint, by):
     ('joint', 'by', 'unit', 'limits'),
     [(2, 0.1, 'm', '-0.15 … 0'), (3, 9.0, 'rad', '-6.28319 … 6.28319')],
 )
-def test_units_of_a_position_out_of_range(joint, by, unit, limits):
+def test_error_about_a_position_out_of_range_has_the_joint_s_unit(joint, by, unit, limits):
     problem = next(problems(plan(HOME, moved(joint, by)), LIMITS))
     value = f'{HOME[joint] + by:.6g}'
     name = f'joint_{joint + 1}'
@@ -48,27 +45,8 @@ def test_units_of_a_position_out_of_range(joint, by, unit, limits):
         go(LIMITS, HOME, moved(joint, by))
 
 
-@pytest.mark.parametrize(('joint', 'by', 'unit'), [(2, -0.08, 'm'), (3, -1.0, 'rad')])
-def test_units_of_velocities(joint, by, unit):
-    fast = plan(HOME, moved(joint, by), times=(0.0, 0.001))
-    (problem,) = problems(fast, LIMITS)
-    velocity = f'{LIMITS.velocity[joint]:.6g}'
-    assert problem == (
-        f'points 0 to 1, joint_{joint + 1}: {abs(by) / 0.001:.6g} {unit}/s would be needed, '
-        f'the velocity limit is {velocity} {unit}/s'
-    )
-    velocities = np.zeros((2, 4))
-    velocities[1, joint] = 0.5
-    moving = plan(HOME, moved(joint, by), velocities=velocities)
-    with pytest.raises(GoalRejectedError, match=rf'the last velocity, 0\.5 {unit}/s, must be 0'):
-        check_limits(moving, LIMITS)
-    velocities[1, joint] = np.nan
-    (problem,) = problems(plan(HOME, HOME, velocities=velocities), LIMITS)
-    assert problem == f'point 1, joint_{joint + 1}: velocities = nan {unit}/s is not finite'
-
-
 @pytest.mark.parametrize(('joint', 'unit'), [(2, 'm'), (3, 'rad')])
-def test_units_of_a_start_away_from_the_arm(joint, unit):
+def test_error_about_a_distant_start_has_the_joint_s_unit(joint, unit):
     name = f'joint_{joint + 1}'
     with pytest.raises(GoalRejectedError) as caught:
         check_start(plan(HOME, HOME), moved(joint, -0.05), LIMITS, 0.02)
@@ -78,19 +56,7 @@ def test_units_of_a_start_away_from_the_arm(joint, unit):
         check_start(late, moved(joint, -0.05), LIMITS, 0.02)
 
 
-@pytest.mark.parametrize(('joint', 'unit'), [(2, 'm'), (3, 'rad')])
-def test_units_of_motoman_points(joint, unit):
-    name = f'joint_{joint + 1}'
-    point = JointTrajPtFull(0, 0, 7, 0.1, joint_data(HOME))
-    reason = invalid_start(point, moved(joint, -0.05), LIMITS)
-    away = rf'^{name} = .* {unit}, but it is at .* {unit}, more than .* {unit} away$'
-    assert re.search(away, reason.sentence)
-    fast = replace(point, velocities=joint_data(moved(joint, 100.0)))
-    reason = invalid_next(fast, 0.0, LIMITS)
-    assert re.search(rf'^{name}: .* {unit}/s is above the limit, .* {unit}/s$', reason.sentence)
-
-
-def test_units_of_a_violated_tolerance():
+def test_error_about_a_violated_tolerance_has_the_joint_s_unit():
     allowed = Tolerances(np.full(4, 0.01), np.full(4, 0.1))
     off = np.zeros(4)
     off[2] = 0.02

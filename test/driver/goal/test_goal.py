@@ -62,64 +62,6 @@ def rejection(call, code=ErrorCode.INVALID_GOAL):
 # --- numbers ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('bad', [float('nan'), float('inf'), float('-inf')])
-@pytest.mark.parametrize('field', ['positions', 'velocities', 'accelerations'])
-def test_non_finite_number_is_rejected_with_its_place(field, bad):
-    points = [point(t, (0, 0, 0), (0, 0, 0), (0, 0, 0)) for t in range(3)]
-    getattr(points[1], field)[2] = bad
-    text = rejection(lambda: checked(*points))
-    assert text == rejection(lambda: checked(*points))
-    assert 'point 1' in text
-    assert 'c: ' + field in text
-    assert str(bad) in text
-    assert 'not finite' in text
-
-
-@pytest.mark.parametrize(
-    ('times', 'index'),
-    [((0, 0, 1), 1), ((0, 1, 1), 2), ((0, 2, 1), 2), ((1, 0.5, 2), 1)],
-)
-def test_times_that_do_not_increase_are_rejected(times, index):
-    text = rejection(lambda: checked(*(point(t, (0, 0, 0)) for t in times)))
-    assert f'point {index}: time_from_start' in text
-    assert 'strictly increase' in text
-
-
-def test_times_one_nanosecond_apart_are_accepted():
-    checked(point(0, (0, 0, 0)), point(1, (0, 0, 0)), point(1 + 1e-9, (0, 0, 0)))
-
-
-def test_negative_time_is_rejected():
-    before = point(-1, (0, 0, 0))
-    assert 'point 0: time_from_start = -1 s is negative' in rejection(lambda: checked(before))
-
-
-def test_position_beyond_limit_is_rejected_with_joint_value_and_limit():
-    text = rejection(lambda: checked(point(0, (0, 0, 0)), point(9, (0.5, -2.1, 0))))
-    assert 'point 1, b' in text
-    assert '-2.1' in text
-    assert '-2 … 2' in text
-
-
-def test_velocity_beyond_limit_is_rejected_with_joint_value_and_limit():
-    points = [point(0, (0, 0, 0), (0, 0, 0)), point(9, (0, 0, 0.1), (0, 0, -3.2))]
-    text = rejection(lambda: checked(*points, may_end_moving=True))
-    assert 'point 1, c' in text
-    assert '-3.2' in text
-    assert '-3 … 3' in text
-
-
-def test_step_faster_than_velocity_limit_is_rejected():
-    text = rejection(lambda: checked(point(0, (0, 0, 0)), point(0.1, (0.5, 0, 0))))
-    assert 'points 0 to 1, a' in text
-    assert '5 rad/s would be needed' in text
-    assert 'limit is 1 rad/s' in text
-
-
-def test_positions_and_velocities_at_the_limits_are_accepted():
-    checked(point(0, (0, 0, 0)), point(1, (1, 2, 3)), point(3, (-1, -2, -3)))
-
-
 def test_single_violation_is_reported_alone():
     text = rejection(lambda: checked(point(0, (0, 0, 0)), point(9, (0, 2.5, 0))))
     assert ';' not in text
@@ -149,10 +91,6 @@ def starting(time, positions):
     return trajectory_of(point(time, positions))
 
 
-def test_start_within_tolerance_is_accepted():
-    check_start(starting(0, (0.02, -0.02, 0)), np.zeros(3), LIMITS, 0.02)
-
-
 def test_start_beyond_tolerance_is_rejected_with_joint_and_positions():
     trajectory = starting(0, (0.0, 0.5, 0.0))
     text = rejection(lambda: check_start(trajectory, np.array([0.0, 0.1, 0.0]), LIMITS, 0.02))
@@ -164,7 +102,7 @@ def test_start_beyond_tolerance_is_rejected_with_joint_and_positions():
     assert 'a:' not in text
 
 
-def test_later_first_point_is_rejected_if_unreachable_in_its_time():
+def test_start_is_rejected_if_the_arm_cannot_reach_it_by_its_time():
     check_start(starting(0.5, (0.5, 1.0, 1.5)), np.zeros(3), LIMITS, 0.02)
     trajectory = starting(0.5, (0.6, 0.0, 0.0))
     text = rejection(lambda: check_start(trajectory, np.zeros(3), LIMITS, 0.02))
@@ -213,8 +151,3 @@ def test_tolerance_violation_names_worst_joint_error_and_limit():
     assert text == 'b: the position error is 0.3 rad, the tolerance is 0.1 rad'
     text = limits.violation(NAMES, still, np.array([5.0, -1.5, 5.0]))
     assert text == 'b: the velocity error is 1.5 rad/s, the tolerance is 1 rad/s'
-
-
-def test_infinite_tolerances_are_not_checked():
-    unlimited = np.full(3, np.inf)
-    assert not Tolerances(unlimited, unlimited).checked

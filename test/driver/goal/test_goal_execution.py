@@ -25,6 +25,7 @@ from epson_driver.driver.goal.goal_states import (
     GoalState,
 )
 from epson_driver.driver.outcome import End, ErrorCode
+from epson_driver.driver.state.joint_velocity import VELOCITY_WINDOW_S
 from epson_driver.driver.state.standstill import (
     REST_TIME_S,
     UNCONFIRMED_REST_TIME_S,
@@ -80,6 +81,7 @@ def test_cancel_is_accepted_until_the_end_and_stop_until_the_arm_brakes():
         assert all(
             TRANSITIONS[state, GoalEvent.CANCEL] is canceling for state in states - {canceling}
         )
+        assert (canceling, GoalEvent.STOP) not in TRANSITIONS
 
 
 def test_fault_ends_every_state_and_final_states_have_no_transition():
@@ -152,6 +154,40 @@ def test_goal_does_not_succeed_with_status_older_than_last_reply():
     assert harness.outcome.end is End.SUCCEEDED
 
 
+@pytest.mark.parametrize('reported', [True, False], ids=['rest reported', 'not reported'])
+def test_reported_rest_at_the_goal_ends_it_without_a_further_wait(reported):
+    """A report from before the arm stood still does not end the goal earlier than none."""
+    harness = Harness(step=0.1)
+    harness.go_and_answer()
+    harness.go_and_answer()
+    harness.answer()  # taken: the arm moves afterwards
+    harness.see(DT)
+    harness.status(in_motion=TriState.FALSE)
+    harness.move_to(LINE[-1])
+    arrived = harness.now
+    if reported:
+        harness.status(in_motion=TriState.FALSE)
+    while not harness.outcomes:
+        harness.see(DT, status=False)
+    still = harness.now - arrived
+    assert (still < VELOCITY_WINDOW_S + 2 * DT) is reported
+    assert harness.outcome.end is End.SUCCEEDED
+    assert still < VELOCITY_WINDOW_S + REST_TIME_S + 2 * DT
+
+
+@pytest.mark.invariant(5)
+def test_inv5_arm_that_never_left_the_goal_must_rest_for_longer():
+    """docs/invariants.md, 5: such an arm may not have started yet."""
+    harness = Harness(((0.0, 0.0), (0.004, 0.0)), step=0.01)
+    harness.answer()
+    begin = harness.now
+    harness.answer()
+    while not harness.outcomes:
+        harness.see(DT)
+        harness.status(in_motion=TriState.FALSE)
+    assert harness.now - begin >= REST_TIME_S
+
+
 def test_goal_does_not_succeed_while_status_reports_motion():
     harness = Harness(step=0.1)
     harness.finish_points()
@@ -175,18 +211,6 @@ def test_measured_standstill_decides_while_in_motion_is_unknown(status):
     harness.see(UNREPORTED_REST_TIME_S - 2 * DT, status=status)
     assert harness.state == 'settling'
     harness.see(0.15, status=status)
-    assert harness.outcome.end is End.SUCCEEDED
-
-
-def test_passing_the_goal_is_no_success():
-    harness = Harness(in_motion=TriState.UNKNOWN, step=0.1)
-    harness.finish_points()
-    harness.at = np.array((0.985, 0.5))
-    for _ in range(200):  # 0.02 rad/s, through the tolerance and out again
-        harness.now += DT
-        harness.joints(harness.at + np.array([0.02 * DT, 0.0]))
-        assert not harness.outcomes
-    harness.see(UNREPORTED_REST_TIME_S + 0.1)
     assert harness.outcome.end is End.SUCCEEDED
 
 
@@ -229,18 +253,6 @@ def test_joints_measured_before_last_reply_are_no_standstill():
     assert harness.outcome.end is End.SUCCEEDED
 
 
-def test_single_sample_is_no_standstill():
-    harness = at_the_last_point(0.1)
-    harness.now += 0.005
-    harness.joints()
-    for _ in range(10):
-        harness.now += 0.03
-        harness.status()
-        assert not harness.outcomes
-    harness.see(UNREPORTED_REST_TIME_S + 0.05)
-    assert harness.outcome.end is End.SUCCEEDED
-
-
 @pytest.mark.parametrize('in_motion', [TriState.FALSE, TriState.UNKNOWN])
 def test_closed_path_does_not_succeed_at_its_start(in_motion):
     """The controller acknowledges before it moves, so the arm is first at rest at the goal."""
@@ -274,15 +286,6 @@ def test_goal_at_current_position_succeeds():
     harness.answer()
     harness.answer()
     harness.see(0.2)
-    assert harness.outcome.end is End.SUCCEEDED
-
-
-def test_infinite_goal_tolerance_is_not_checked():
-    harness = Harness(tolerance=(0.01, np.inf), step=0.1)
-    for _ in LINE:
-        harness.answer()
-    harness.move_to((1.0, -3.0))
-    harness.see(0.3)
     assert harness.outcome.end is End.SUCCEEDED
 
 
@@ -351,7 +354,7 @@ def test_cause_of_rejection_is_awaited_while_arm_brakes():
 
 
 @pytest.mark.parametrize(('acknowledged', 'broken'), [(0, False), (1, True)])
-def test_rejection_after_accepted_points_breaks_goal_off(acknowledged, broken):
+def test_rejection_after_accepted_points_ends_goal(acknowledged, broken):
     harness = Harness()
     for _ in range(acknowledged):
         harness.go_and_answer()
@@ -361,16 +364,6 @@ def test_rejection_after_accepted_points_breaks_goal_off(acknowledged, broken):
     assert harness.outcome.end is End.ABORTED
     assert harness.execution.aftermath.broken_off is broken
     assert not harness.execution.aftermath.unanswered
-
-
-def test_rejection_without_status_ends_goal_within_100_ms():
-    harness = Harness()
-    harness.refuse()
-    before = harness.now
-    while not harness.outcomes:
-        harness.now += DT
-        harness.joints()
-    assert harness.now - before <= 0.1
 
 
 def test_cancel_stop_and_late_replies_do_not_change_rejection():
@@ -401,15 +394,6 @@ def test_withdrawn_acknowledgement_ends_goal(acknowledged):
     assert 'withdrew' in harness.outcome.text
 
 
-def test_unexpected_failure_reply_does_not_change_cancel():
-    harness = Harness()
-    harness.execution.cancel(harness.now)
-    harness.execution.on_unsolicited_failure(harness.now)
-    harness.answer()
-    harness.see(0.3)
-    assert harness.outcome.end is End.CANCELED
-
-
 def test_reply_to_point_that_is_not_pending_is_ignored():
     harness = Harness()
     harness.answer()
@@ -424,7 +408,7 @@ def test_reply_to_point_that_is_not_pending_is_ignored():
 PATIENT = GoalSettings(reply_timeout=2.0)
 
 
-def test_missing_reply_breaks_goal_off_after_reply_timeout():
+def test_missing_reply_ends_goal_after_reply_timeout():
     harness = Harness(settings=PATIENT)
     harness.go_and_answer()
     harness.see(2.9)  # patience and the planned duration of the point, 1 s
@@ -434,14 +418,6 @@ def test_missing_reply_breaks_goal_off_after_reply_timeout():
     assert 'no reply to point 1 of 3' in harness.outcome.text
     assert harness.execution.aftermath == NO_REPLY
     assert harness.stops == 1
-
-
-def test_reply_timeout_starts_at_last_reply():
-    harness = Harness(settings=PATIENT)
-    harness.see(2.5)
-    harness.answer()
-    harness.see(2.5)
-    assert not harness.outcomes
 
 
 def test_reply_timeout_does_not_expire_while_arm_moves():
@@ -485,14 +461,6 @@ def test_goal_time_ends_late_goal():
     assert 'the plan takes 2 s' in harness.outcome.text
     assert '0.5 s' in harness.outcome.text
     assert harness.stops == 1
-
-
-def test_goal_time_applies_while_settling():
-    harness = Harness(goal_time=0.5)
-    harness.finish_points()
-    harness.in_motion = TriState.TRUE
-    harness.see(2.5)
-    assert harness.outcome.code is ErrorCode.GOAL_TOLERANCE_VIOLATED
 
 
 def test_slow_motion_is_no_failure_without_goal_time():
@@ -566,16 +534,6 @@ def test_cancel_during_stop_ends_as_canceled_with_one_stop_message():
     assert harness.stops == 1
 
 
-def test_stop_during_cancel_ends_as_canceled_with_one_stop_message():
-    harness = Harness()
-    harness.execution.cancel(harness.now)
-    harness.execution.stop('replaced by a new goal', harness.now)
-    harness.answer()
-    harness.see(0.3)
-    assert harness.outcome.end is End.CANCELED
-    assert harness.stops == 1
-
-
 def test_refused_stop_ends_goal_immediately():
     harness = Harness()
     harness.execution.cancel(harness.now)
@@ -585,7 +543,7 @@ def test_refused_stop_ends_goal_immediately():
     assert not harness.execution.aftermath.at_rest
 
 
-def test_unanswered_stop_breaks_goal_off_after_reply_timeout():
+def test_unanswered_stop_ends_goal_after_reply_timeout():
     harness = Harness(settings=PATIENT)
     harness.go_and_answer()
     harness.execution.cancel(harness.now)
@@ -621,22 +579,18 @@ def test_fault_ends_goal_immediately_and_sends_stop():
     assert harness.sequences == [0, -4]
 
 
-def test_lost_link_at_first_point_ends_goal():
+@pytest.mark.parametrize('sent', [0, 2])
+def test_lost_link_at_a_point_ends_goal(sent):
     harness = Harness(start=False)
-    harness.broken = True
+    harness.broken = not sent
     harness.start()
+    for _ in range(sent):
+        harness.broken = len(harness.sequences) == sent
+        harness.go_and_answer()
     assert harness.outcome.end is End.ABORTED
-    assert 'point 0 of 3 could not be sent: test link is backing_off' in harness.outcome.text
-    assert not harness.sent
-
-
-def test_lost_link_between_points_ends_goal():
-    harness = Harness()
-    harness.go_and_answer()
-    harness.broken = True
-    harness.answer()
-    assert 'point 2 of 3 could not be sent' in harness.outcome.text
-    assert harness.sequences == [0, 1]
+    text = f'point {sent} of 3 could not be sent: test link is backing_off'
+    assert text in harness.outcome.text
+    assert harness.sequences == list(range(sent))
 
 
 @pytest.mark.parametrize('how', ['cancel', 'stop', 'fault', 'refuse'])
@@ -655,24 +609,6 @@ def test_lost_link_at_stop_ends_goal_as_aborted(how):
         harness.see(0.2)
     assert harness.outcome.end is End.ABORTED
     assert not harness.execution.aftermath.at_rest
-
-
-def test_target_is_the_pending_point():
-    harness = Harness()
-    assert harness.execution.target == 0
-    harness.answer()
-    assert harness.execution.target == 1
-    harness.answer()
-    harness.answer()
-    assert harness.execution.target == 2
-
-
-def test_state_without_joints_changes_nothing():
-    harness = Harness(settings=PATIENT)
-    harness.robot.clear()
-    harness.pass_time(60.0)
-    harness.execution.on_state(harness.robot, harness.now)
-    assert not harness.outcomes
 
 
 OUT_AND_BACK = [(0.1 * item, 0.0) for item in (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)]
@@ -752,20 +688,6 @@ def test_inv5_fault_during_preparation_sends_nothing():
 
 
 # --- decisions from the state alone -----------------------------------------------------------
-
-
-@pytest.mark.invariant(9)
-def test_inv9_path_within_tolerance_does_not_succeed_before_planned_time():
-    """docs/invariants.md, 9: all points are acknowledged before the arm moves."""
-    harness = Harness(((0.0, 0.0), (0.009, 0.0)), in_motion=TriState.UNKNOWN)
-    harness.answer()
-    harness.answer()
-    harness.see(0.8)
-    assert harness.state == 'settling'
-    harness.move_to((0.009, 0.0), 0.1)
-    harness.see(UNREPORTED_REST_TIME_S + 0.1)
-    assert harness.outcome.end is End.SUCCEEDED
-    assert harness.now - harness.execution.started >= 1.0
 
 
 def small_goal(way, **options):

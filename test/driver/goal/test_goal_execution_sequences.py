@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from support.examples import examples
 from support.goal_execution_harness import CYCLE, LINE, Harness
 
-from epson_driver.driver.delivery.trajectory_points import STOP
+from epson_driver.driver.delivery.streaming import STOP
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.goal.goal_states import FINAL_STATES
 from epson_driver.driver.outcome import End

@@ -85,13 +85,6 @@ def test_velocity_tolerance_violation_stops_arm():
     assert 'joint_1: the velocity error is' in harness.outcome.text
 
 
-def test_deviation_without_path_tolerance_is_allowed():
-    harness = Harness()
-    harness.answer()
-    follow(harness, 0.5, offset=(3.0, 3.0))
-    assert not harness.stops
-
-
 def test_rest_at_a_point_violates_path_tolerance():
     harness = Harness(path_tolerance=tolerance((0.2, 0.2)))
     harness.go_and_answer()
@@ -472,10 +465,3 @@ async def test_inv2_invalid_goal_does_not_replace_running_goal():
         harness.driver.goal_queue.submit(bad.handle)
         assert 'look like degrees' in bad.outcome.text
         assert (await running.end()).end is End.SUCCEEDED
-
-
-async def test_end_velocity_is_accepted_if_allowed():
-    async with cell() as (harness, _):
-        submitted = Submitted(goal(velocities=LAST_VELOCITY, may_end_moving=True))
-        harness.driver.goal_queue.submit(submitted.handle)
-        assert (await submitted.end()).end is End.SUCCEEDED

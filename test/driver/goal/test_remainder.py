@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.driver_harness import HOME, LIMITS, pose
 
-from epson_driver.driver.delivery.trajectory_points import MIN_VELOCITY
+from epson_driver.driver.delivery.streaming import MIN_VELOCITY
 from epson_driver.driver.goal.goal import check_limits
-from epson_driver.driver.goal.remainder import FROM_REST, remainder
+from epson_driver.driver.goal.reference import FROM_REST, remainder
 from epson_driver.motion import Trajectory
 
 

@@ -37,7 +37,7 @@ def test_missed_messages_in_a_gap_are_detected(messages, missed):
     assert missed_before(*messages)[-1] is missed
 
 
-def test_first_message_misses_nothing():
+def test_no_missed_messages_are_assumed_before_the_first_one():
     assert missed_before((4711, 1e6)) == [False]
 
 

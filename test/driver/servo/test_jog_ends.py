@@ -69,7 +69,11 @@ async def to_rest(controller, phase, end):
 
 CONTROLLERS = [
     ('simulated', True),
-    *((name, False) for name in ('simulated', 'generic', 'fanuc', 'spel')),
+    ('spel', False),
+    *(
+        pytest.param((name, False), marks=pytest.mark.soak)
+        for name in ('simulated', 'generic', 'fanuc')
+    ),
 ]
 """Profiles that accept streams, and whether the arm moves smoothly."""
 

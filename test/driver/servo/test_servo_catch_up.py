@@ -4,13 +4,13 @@
 
 import asyncio
 import logging
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 from support.driver_harness import cell
 from support.event_loop import now, stand_still
+from support.examples import one_in
 from support.streams import positions, window
 
 from epson_driver.driver.servo.servo import LEFT_BEHIND_S
@@ -56,7 +56,7 @@ async def followed(harness, stream, *, stalled_driver):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('stream', 'stalled_driver'), [*product(STREAMS, [False, True])])
-async def test_speed_after_a_stall_is_limited_by_catch_up(stream, stalled_driver, caplog):
+async def test_catch_up_factor_limits_the_speed_after_a_stall(stream, stalled_driver, caplog):
     caplog.set_level(logging.WARNING)
 
     async with cell(smooth=True) as (harness, _):
@@ -73,26 +73,6 @@ async def test_speed_after_a_stall_is_limited_by_catch_up(stream, stalled_driver
     assert '1.5 times its speed (servo.catch_up)' in line
 
 
-@pytest.mark.slow
-async def test_stream_without_a_stall_leaves_no_arm_behind(caplog):
-    async with cell(smooth=True) as (harness, _):
-        start = now()
-        while (time := now() - start) < 2.0:
-            harness.driver.servo.take(positions(*state(time)))
-            await asyncio.sleep(PERIOD_S)
-        assert harness.driver.servo.counts.left_behind == 0
-    assert not any('catching up at most' in line for line in caplog.messages)
-
-
-@pytest.mark.slow
-async def test_higher_catch_up_allows_a_higher_speed():
-    async with cell(smooth=True) as (harness, _):
-        servo = harness.driver.servo
-        servo.settings = replace(servo.settings, catch_up=4.0)
-        _, speed_ratio = await followed(harness, STREAMS['positions'], stalled_driver=False)
-        assert 2.0 < speed_ratio < 4.2
-
-
 PLAN = np.array([0.3, 0.15, -0.2, 0.1, 0.15, -0.3])
 """rad: a displacement in MOVES_S that starts and ends at rest."""
 
@@ -106,7 +86,8 @@ def planned(time):
     return PLAN * share, PLAN * rate / MOVES_S
 
 
-@pytest.mark.parametrize('shape', ['positions', 'windows'])
+@pytest.mark.slow
+@pytest.mark.parametrize('shape', one_in(2, ['windows', 'positions']))
 async def test_two_stalls_before_the_end_are_caught_up_at_limited_speed(shape):
     async with cell(smooth=True) as (harness, _):
         start = now()

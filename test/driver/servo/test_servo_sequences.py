@@ -12,7 +12,7 @@ from support.event_loop import run, stand_still, until
 from support.streams import JOG, SERVO, positions, sending, velocities
 
 from epson_driver.driver.arm_commands import CommandError
-from epson_driver.driver.delivery.trajectory_points import STOP
+from epson_driver.driver.delivery.streaming import STOP
 from epson_driver.driver.outcome import End
 from epson_driver.sim_controller.condition.states import Event
 

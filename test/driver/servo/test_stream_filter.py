@@ -87,6 +87,7 @@ def test_sine_is_followed_with_low_lag_and_jerk(step, velocities, max_lag, noise
     assert jerks[times > 2.0].mean() < 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('velocities', one_in(2, [False, True]))
 def test_noise_of_a_constant_stream_barely_moves_the_arm(velocities):
     times, path, _ = followed(still, 20.0, velocities=velocities, noise=1e-3)
@@ -97,7 +98,7 @@ def test_noise_of_a_constant_stream_barely_moves_the_arm(velocities):
 @pytest.mark.parametrize('step', STEPS)
 @pytest.mark.parametrize(
     ('speed', 'phase'),
-    quickly([(0.5, 0.05), (1.0, 0.8)], product([0.5, 1.0], [0.05, 0.3, 0.55, 0.8])),
+    quickly([(1.0, 0.8)], product([0.5, 1.0], [0.05, 0.3, 0.55, 0.8])),
 )
 def test_ramp_that_ends_abruptly_is_not_overshot(speed, step, velocities, phase):
     _, path, _ = followed(ramp(speed, 0.8), 2.5, step=step, velocities=velocities, phase=phase)

@@ -21,7 +21,7 @@ def test_inv4_gate_is_closed_at_start():
     assert gate.reason == 'not enabled since the driver started'
 
 
-def test_first_reason_stays():
+def test_closed_gate_keeps_its_first_reason():
     gate = ArmGate()
     open_gate(gate)
     assert gate.reason is None
@@ -72,7 +72,7 @@ FINE = {'drives_powered': 1, 'e_stopped': 0, 'in_error': 0, 'error_code': 0}
         ({'error_code': 5}, None),  # a code without in_error is information
     ],
 )
-def test_inhibit_of_a_status(fields, words):
+def test_reason_against_motion_is_read_from_the_status(fields, words):
     inhibit = status_inhibit(Status(**{**FINE, **fields}), ERRORS)
     if words is None:
         assert inhibit is None

@@ -117,6 +117,7 @@ async def test_reset_stops_the_program_and_disables_the_arm():
         await assert_moves(harness)
 
 
+@pytest.mark.slow
 async def test_disable_stops_the_program_and_switches_the_motors_off():
     async with spel_cell() as (harness, controller, _):
         await harness.commands.enable()

@@ -14,7 +14,7 @@ from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.stopping import stopper
 from epson_driver.profiles import load_controller_profile
-from epson_driver.sim_controller.faults.faults import parse
+from epson_driver.sim_controller.faults.fault_kinds import parse
 from epson_driver.simple_message import ByteOrder
 from epson_driver.simple_message.motoman import Command, Result
 

@@ -22,6 +22,7 @@ from support.event_loop import stand_still, until
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
+from epson_driver.driver.stopping.motors import Action, MotorsError
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import JointPosition, JointTrajPt, ReplyCode, decode, reply
@@ -116,6 +117,48 @@ async def test_inv3_inv9_refused_stop_is_a_failure_and_the_motors_go_off(caplog)
         assert 'not enabled' in refused.outcome.text
     assert 'did not stop as requested: the controller refused STOP' in caplog.text
     assert 'motors switched off' in caplog.text
+
+
+async def test_inv3_failed_switch_off_is_repeated_although_it_stopped_the_arm(monkeypatch):
+    """On an EPSON controller the attempt first stops the program, and with it the arm."""
+    async with disobedient() as (harness, controller, _, _):
+        act, attempts = harness.driver.motors.act, []
+
+        async def fail_at_first(action, timeout):
+            attempts.append(action)
+            if len(attempts) > 3:
+                return await act(action, timeout)
+            controller.apply(Event.STOP)
+            await until(lambda: not controller.moving)
+            raise MotorsError('not Ready', unanswered=True)
+
+        monkeypatch.setattr(harness.driver.motors, 'act', fail_at_first)
+        await rejection(harness.commands.stop())
+        await until(lambda: controller.status().drives_powered == 0)
+        assert attempts == [Action.MOTORS_OFF] * 4
+        await asyncio.sleep(5.0)
+        assert len(attempts) == 4
+
+
+async def test_inv4_enable_ends_the_attempts_to_switch_the_motors_off(monkeypatch):
+    async with disobedient() as (harness, controller, _, _):
+        attempts = []
+
+        async def fail(action, _timeout):
+            attempts.append(action)
+            controller.apply(Event.STOP)
+            raise MotorsError('not Ready')
+
+        monkeypatch.setattr(harness.driver.motors, 'act', fail)
+        await rejection(harness.commands.stop())
+        await until(lambda: len(attempts) > 2 and harness.driver.stopper.over)
+        del controller.program.receive
+        controller.apply(Event.START)
+        await harness.commands.enable()
+        count = len(attempts)
+        await asyncio.sleep(5.0)
+        assert len(attempts) == count
+        assert harness.gate is None
 
 
 async def test_inv3_refused_stop_is_repeated_until_the_arm_rests():

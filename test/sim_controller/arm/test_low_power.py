@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from epson_driver.motion import JointLimits
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.low_power import LowPower
 
@@ -28,12 +27,6 @@ def test_inv2_capped_limits_bound_the_tool_speed():
     np.testing.assert_array_equal(capped.position_min, LIMITS.position_min)
     np.testing.assert_array_equal(capped.position_max, LIMITS.position_max)
     assert capped.names == LIMITS.names
-
-
-def test_high_tool_speed_leaves_only_the_fraction():
-    caps = LowPower(0.05, 5.0, MODEL.reach)
-    np.testing.assert_allclose(caps.limits(LIMITS).velocity, 0.05 * LIMITS.velocity)
-    assert caps.speed(LIMITS, np.ones(6)) == 0.05
 
 
 @pytest.mark.parametrize(
@@ -66,28 +59,3 @@ def test_inv2_no_line_exceeds_the_tool_speed(direction, fraction, tool_speed):
         # the cap is not lower than necessary
         needed = fastest @ MODEL.reach >= tool_speed * (1.0 - 1e-9)
         assert needed or speed == fraction
-
-
-@pytest.mark.parametrize(
-    ('fraction', 'tool_speed', 'reach', 'text'),
-    [
-        (0.0, 0.25, [1.0], 'fraction = 0.0'),
-        (1.1, 0.25, [1.0], 'fraction = 1.1'),
-        (np.nan, 0.25, [1.0], 'fraction = nan'),
-        (0.05, 0.0, [1.0], 'tool_speed = 0.0'),
-        (0.05, np.inf, [1.0], 'tool_speed = inf'),
-        (0.05, np.nan, [1.0], 'tool_speed = nan'),
-        (0.05, 0.25, [-1.0], r'reach = \[-1.0\]'),
-        (0.05, 0.25, [np.nan], r'reach = \[nan\]'),
-    ],
-)
-def test_invalid_caps_raise_an_error_that_names_them(fraction, tool_speed, reach, text):
-    with pytest.raises(ValueError, match=f'^{text}'):
-        LowPower(fraction, tool_speed, np.array(reach))
-
-
-def test_wrong_number_of_joints_is_refused():
-    one = JointLimits(('a',), *(np.array([value]) for value in (-1, 1, 1, 1, 1)))
-    for ask in (CAPS.limits, lambda limits: CAPS.speed(limits, np.ones(1))):
-        with pytest.raises(ValueError, match=r'^reach: 6 values for 1 joints$'):
-            ask(one)

@@ -143,7 +143,7 @@ def test_inv2_blend_respects_the_tool_speed() -> None:
         assert np.abs(sum_of_both) @ reach <= fastest * 1.1 * (1.0 + 1e-9)
 
 
-def test_no_blend_without_a_move_or_after_the_first_move() -> None:
+def test_blend_needs_a_second_move_before_the_first_ends() -> None:
     corner = np.array([0.5, 0, 0, 0, 0, 0])
     first, second = moves(0 * corner, corner, [0.5, 0.5, 0, 0, 0, 0])
     (nothing,) = moves(corner, corner)

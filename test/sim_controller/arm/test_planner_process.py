@@ -203,7 +203,7 @@ def test_failed_start_raises_an_error_with_the_reason(monkeypatch, interpreter, 
 @pytest.mark.parametrize(
     ('script', 'text'),
     [
-        ('exec sleep 60', 'the motion planner took over 0.2 s'),
+        ('exec sleep 60', 'the motion planner did not start within 0.2 s'),
         ('exec >&-; exec sleep 60', 'the motion planner closed its pipe'),
         ('exit 4', 'the motion planner ended with exit code 4'),
         (

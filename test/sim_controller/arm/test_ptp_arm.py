@@ -257,16 +257,6 @@ def test_cp_passes_known_points_without_a_stop():
     assert np.min(away) > 1e-3
 
 
-def test_cp_keeps_full_speed_on_a_straight_line():
-    one = harness(cp=True, acknowledge='taken', speed=0.2)
-    one.send(at(0.6), at(1.2), at(1.8))
-    one.run()
-    one.check(speed=0.2)
-    velocities = np.array(one.velocities)[:, 0]
-    ramp = 200
-    np.testing.assert_allclose(velocities[ramp:-ramp], 0.2 * LIMITS.velocity[0], rtol=1e-6)
-
-
 def test_cp_answers_a_point_when_its_deceleration_starts():
     one = harness(cp=True, speed=0.5)
     one.send(*CORNER[:2])
@@ -298,28 +288,6 @@ def test_point_received_during_deceleration_is_not_blended():
     away = np.abs(np.array(one.positions) - CORNER[0]).max(axis=1)
     assert np.min(away) < 1e-5
     assert len(one.positions) * DT == pytest.approx(first.duration + second.duration, abs=3 * DT)
-
-
-def test_overhead_delays_a_blend():
-    ends = []
-    for overhead in (0.0, 0.016):
-        one = harness(cp=True, speed=0.5, statement_overhead=overhead)
-        one.send(*CORNER[:2])
-        one.run()
-        one.check()
-        ends.append(one.answers[-1][1])
-    assert ends[1] == pytest.approx(ends[0] + 2 * 0.016, abs=5e-3)
-
-
-def test_motion_ends_at_rest_at_the_last_point():
-    one = harness(cp=True, acknowledge='taken', look_ahead_points=9)
-    for number in range(1, 7):
-        one.send(at(0.1 * number, 0.05 * (-1) ** number))
-    one.run()
-    one.check()
-    np.testing.assert_allclose(one.arm.position, at(0.6, 0.05), rtol=0.0, atol=1e-15)
-    assert not one.arm.velocity.any()
-    assert not one.arm.moving
 
 
 # ---- stop, hold, resume, settle
@@ -356,16 +324,6 @@ def test_stop_returns_whether_answered_points_are_lost():
         assert one.stop() is lost
     one.run()
     assert one.stop() is False
-
-
-def test_stop_during_the_overhead_leaves_the_arm_at_rest():
-    one = harness(statement_overhead=0.016)
-    one.send(at(1.0))
-    one.run_for(0.01)
-    one.stop()
-    assert not one.arm.moving
-    one.run_for(0.1)
-    assert not np.any(one.positions)
 
 
 @pytest.mark.invariant(3)
@@ -489,18 +447,6 @@ def test_inv2_low_power_bounds_the_tool_speed_on_any_line():
     assert np.max(tool) > 0.9 * CAPS.tool_speed
 
 
-@pytest.mark.invariant(2)
-def test_inv2_low_power_bounds_the_tool_speed_in_a_blend():
-    # joint 2 gains speed faster than joint 1 loses it
-    one = harness(cp=True, acknowledge='taken')
-    one.arm.low_power = True
-    one.send(at(0.4), at(0.4, -0.4), at(0.4, -0.4, 0.4, 0.4))
-    one.run()
-    one.check(CAPS.fraction, CAPS.fraction, CAPS.tool_speed)
-    positions = np.array(one.positions)
-    assert np.min(np.abs(positions - at(0.4)).max(axis=1)) > 1e-3  # it did blend
-
-
 # ---- random events
 
 SHARES = st.sampled_from([0.0, 1.0]) | st.floats(0.0, 1.0)
@@ -610,24 +556,6 @@ def test_inv3_stop_in_a_blend_at_a_limit_stays_inside():
 
 
 # ---- CP at any acceleration, durations, started points
-
-
-@pytest.mark.parametrize('accel', [0.2, 0.5, 0.6, 1.0])
-@pytest.mark.parametrize('power', [False, True])
-def test_cp_blends_at_any_acceleration(accel, power):
-    arm = PointToPoint(
-        LIMITS, HOME, 0.5, accel, cp=True, acknowledge='taken', look_ahead_points=5, caps=CAPS
-    )
-    arm.low_power = power
-    for index in range(1, 6):
-        arm.take(Point(index, HOME + 0.3 * index * AXIS, 0.0, 0.0))
-    speeds, path = [], []
-    while arm.moving:
-        arm.step(0.001)
-        speeds.append(arm.velocity[0])
-        path.append(arm.position[0])
-    inside = [v for v, q in zip(speeds, path, strict=True) if 0.15 < q < 1.35]
-    assert min(inside) > 0.3 * max(inside), 'it stops between the points'
 
 
 @pytest.mark.parametrize('duration', [0.4, 2.0, 8.0])

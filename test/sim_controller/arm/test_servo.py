@@ -129,18 +129,6 @@ def test_position_does_not_change_at_rest():
     assert not one.velocity.any()
 
 
-@pytest.mark.parametrize('lag', [0.0, 0.008])
-def test_step_of_0_s_moves_nothing(lag):
-    one = servo(lag)
-    one.step(TARGET, 0.0)
-    np.testing.assert_array_equal(one.position, START)
-    assert not one.settled
-    one.step(START, DT)
-    one.step(START, DT)
-    assert one.settled
-    np.testing.assert_array_equal(one.position, START)
-
-
 def test_frozen_encoder_reports_its_last_value():
     one, free = servo(), servo()
     motion = go(LIMITS, START, TARGET)
@@ -179,7 +167,7 @@ def test_pushed_joint_returns_to_its_command(lag):
 
 
 @pytest.mark.parametrize('lag', [0.0, 0.008])
-def test_pushed_joint_without_power_stays(lag):
+def test_joint_without_power_stays_where_it_was_pushed(lag):
     one = servo(lag)
     pushed = START + 0.05
     one.jump(pushed)
@@ -188,20 +176,6 @@ def test_pushed_joint_without_power_stays(lag):
         np.testing.assert_array_equal(one.position, pushed)
         assert not one.velocity.any()
     assert one.settled
-
-
-def test_returned_arrays_are_copies():
-    one = servo()
-    one.position[:] = 9.0
-    one.velocity[:] = 9.0
-    command = TARGET.copy()
-    one.step(command, DT)
-    command[:] = 9.0
-    one.step(TARGET, 10.0)
-    one.step(TARGET, 10.0)
-    assert one.settled
-    np.testing.assert_array_equal(one.position, TARGET)
-    assert not one.velocity.any()
 
 
 @settings(max_examples=examples(40))
@@ -222,14 +196,3 @@ def test_position_stays_within_the_range_of_the_commands(steps, lag):
         one.step(TARGET, DT)
     assert one.settled
     np.testing.assert_array_equal(one.position, TARGET)
-
-
-@pytest.mark.parametrize('value', [-0.001, np.nan, np.inf])
-def test_invalid_lag_is_refused(value):
-    with pytest.raises(ValueError, match=r'^lag = '):
-        servo(lag=value)
-
-
-def test_wrong_number_of_joints_is_refused():
-    with pytest.raises(ValueError, match=r'^6 pulses per unit for 5 joints$'):
-        servo(start=START[:5])

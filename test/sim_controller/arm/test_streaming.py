@@ -15,7 +15,6 @@ from support.controller_harness import (
     Harness,
     InlinePlanner,
     assert_within_limits,
-    frame,
     point,
 )
 from support.streaming_harness import curve_points
@@ -107,47 +106,6 @@ def test_look_ahead_is_also_limited_in_points():
     assert harness.codes() == [(i, SUCCESS) for i in range(11, 60)]
 
 
-@pytest.mark.parametrize('most', [1, 2])
-def test_smallest_look_ahead_reaches_every_point(most):
-    harness = smooth_harness(look_ahead_points=most)
-    points = curve(12)
-    harness.send(*stream(points, 0.1))
-    harness.rest()
-    assert harness.codes() == [(i, SUCCESS) for i in range(12)]
-    assert harness.joints.tolist() == points[-1].tolist()
-
-
-def test_thousand_points_each_sent_after_a_reply():
-    """A client that waits for each reply, with dense points over a long distance."""
-    harness = smooth_harness()
-    sent = 0
-    frames = stream(curve(1000, amplitude=0.8), 0.005)
-    harness.send(frames[0])
-    trace = [harness.joints]
-    while sent < 999 or harness.controller.moving:
-        for sequence, code in harness.codes():
-            assert (sequence, code) == (sent, SUCCESS)
-            if sent < 999:
-                sent += 1
-                harness.send(frames[sent])
-        harness.step(DT)
-        trace.append(harness.joints)
-        assert len(trace) < 3000
-    trace = np.array(trace)
-    assert_within_limits(trace)
-    assert interior_stops(trace) == 0
-    assert len(trace) * DT < 1.15 * 5.0 + 0.2
-
-
-def test_tiny_distance_is_executed():
-    harness = smooth_harness()
-    harness.send(point(0, (1e-4,) * 6))
-    assert harness.codes() == [(0, SUCCESS)]
-    assert harness.controller.status().in_motion == 1
-    harness.rest()
-    assert harness.joints.tolist() == np.float32((1e-4,) * 6).tolist()
-
-
 def test_interrupted_stream_ends_at_rest_at_its_last_point():
     harness = smooth_harness()
     points = curve(80)
@@ -213,28 +171,6 @@ def test_inv3_stop_discards_points_and_brakes_within_limits(delay):
     assert harness.joints.tolist() == list(HERE)
 
 
-def test_stop_before_the_first_plan_moves_nothing():
-    harness = smooth_harness(delay=0.02)
-    harness.send(*stream(curve(80)))
-    harness.step(0.02)  # a plan is pending
-    harness.send(point(STOP))
-    harness.step(1.0)
-    assert harness.joints.tolist() == list(HERE)
-    assert not harness.controller.moving
-    assert harness.controller.timing.late_plans == 0
-
-
-def test_refused_point_at_rest_does_not_end_the_trajectory():
-    harness = smooth_harness()
-    harness.send(point(0), point(1, (0.2,), 0.0, 0.5))
-    harness.rest()
-    harness.codes()
-    harness.send(point(7, HERE), point(2, (9.0,)), frame(11, 2, 0), point(2, HERE))
-    assert harness.codes() == [(7, FAILURE), (2, FAILURE), (0, FAILURE), (2, SUCCESS)]
-    harness.rest()
-    assert harness.joints.tolist() == list(HERE)
-
-
 @pytest.mark.invariant(3, 4)
 def test_inv3_and_4_estop_in_motion_ends_the_trajectory():
     harness = moving_harness(look_ahead=0.3)
@@ -267,19 +203,6 @@ def test_inv3_motors_off_and_lost_client_brake_first(how):
 
 
 # ---- pauses and power
-
-
-@pytest.mark.invariant(3, 4)
-def test_inv3_and_4_estop_in_a_pause_ends_the_trajectory():
-    harness = moving_harness()
-    harness.do('pause')
-    harness.run(most=0.3)
-    rest = harness.joints.tolist()
-    harness.do('E-stop press', 'E-stop release', 'reset', 'motors on')
-    harness.step(1.0)
-    assert harness.joints.tolist() == rest
-    harness.send(point(80, HERE))
-    assert [code for _, code in harness.codes()] == [FAILURE]
 
 
 # ---- the planner
@@ -345,23 +268,6 @@ def test_inv3_and_4_dead_planner_stops_a_moving_arm(caplog):
     assert harness.controller.timing.planner_failures == 1
 
 
-def test_dead_planner_makes_motion_impossible_until_it_restarts():
-    harness = smooth_harness()
-    harness.planner.die()
-    harness.controller.planner_failed('ended with exit code 1')
-    assert not harness.controller.moving
-    assert harness.error == 8001
-    assert harness.controller.status().motion_possible == 0
-    harness.send(point(0, (0.1,)))
-    assert harness.codes() == [(0, FAILURE)]
-    harness.planner.ready = True
-    harness.do('reset')
-    assert harness.error == 0
-    harness.send(point(0, (0.1,)))
-    harness.rest()
-    assert harness.codes() == [(0, SUCCESS)]
-
-
 def test_motors_off_takes_precedence_over_a_missing_planner():
     harness = Harness(motors=False, planner=InlinePlanner())
     harness.planner.ready = False
@@ -381,6 +287,7 @@ def test_failed_planning_in_motion_executes_the_current_plan():
 # ---- time
 
 
+@pytest.mark.slow
 def test_long_step_ends_at_rest_on_the_plan():
     harness = moving_harness(count=200, look_ahead=0.6)
     before = harness.joints
@@ -389,11 +296,3 @@ def test_long_step_ends_at_rest_on_the_plan():
     harness.rest()
     assert harness.joints.tolist() == curve(200)[-1].tolist()
     assert harness.codes()[-1] == (199, SUCCESS)
-
-
-def test_time_at_rest_does_not_count():
-    harness = smooth_harness()
-    harness.send(point(0))
-    harness.controller.step(3600.0)
-    harness.send(*stream(curve(40))[1:])
-    assert 0.7 < harness.rest() < 1.1

@@ -122,31 +122,6 @@ def test_time_of_a_hold_is_not_caught_up(held):
     assert_within_limits(harness)
 
 
-def test_repeated_hold_and_resume_have_no_effect():
-    harness = held_harness(0.5)
-    rest = harness.arm.position.tolist()
-    harness.arm.hold()
-    harness.run(0.3)
-    assert harness.arm.position.tolist() == rest
-    harness.arm.resume()
-    harness.arm.resume()
-    harness.rest()
-    assert_passes(harness, FAST)
-
-
-def test_resume_without_a_hold_changes_nothing():
-    traces = []
-    for resumes in (False, True):
-        harness = StreamingHarness()
-        harness.send(FAST)
-        harness.run(0.4)
-        if resumes:
-            harness.arm.resume()
-        harness.rest()
-        traces.append(harness.trace)
-    assert np.array_equal(*traces)
-
-
 @pytest.mark.parametrize('begins', [False, True])
 @pytest.mark.parametrize('seconds', one_in(2, [0.0, 0.01, 0.019, 0.02]))
 def test_hold_before_the_first_motion_prevents_the_start(seconds, begins):
@@ -167,21 +142,6 @@ def test_hold_before_the_first_motion_prevents_the_start(seconds, begins):
     harness.rest()
     assert_passes(harness, FAST)
     assert harness.timing.late_plans == 0
-
-
-def test_arm_held_without_points_accepts_them_after_resume():
-    harness = StreamingHarness()
-    harness.arm.hold()
-    assert harness.arm.at_rest
-    assert not harness.arm.moving
-    assert not harness.arm.has_room
-    harness.run(0.5)
-    harness.send(FAST)
-    assert harness.taken == 0
-    harness.arm.resume()
-    assert harness.arm.has_room
-    harness.rest()
-    assert_passes(harness, FAST)
 
 
 @pytest.mark.parametrize('brakes', [0.0, 0.02, 0.1])

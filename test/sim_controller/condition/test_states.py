@@ -31,9 +31,8 @@ from epson_driver.sim_controller.condition.tasks import (
     MOTION_SERVER,
     PROGRAM,
     STATE_SERVER,
-    TaskState,
-    TaskType,
 )
+from epson_driver.spel import TaskState, TaskType
 
 ON = 'motors on: motors=ON'
 
@@ -259,11 +258,11 @@ def rejection(condition, event):
 
 
 @pytest.mark.parametrize('story', STORIES)
-def test_story_of_events(story):
+def test_sequence_of_events_has_its_documented_result(story):
     play(STORIES[story])
 
 
-def test_every_rejection_has_a_sentence():
+def test_every_rejection_has_an_explanation():
     for (event, state), sentence in REJECTIONS.items():
         assert len(sentence.split()) >= 3, (event, state)
 
@@ -316,7 +315,7 @@ def test_event_that_ends_a_motion_ends_it_in_every_condition(event):
 
 
 @pytest.mark.invariant(4)
-def test_inv4_only_motors_on_and_continue_switch_motors_on():
+def test_inv4_no_event_but_motors_on_and_continue_powers_the_motors():
     conditions = reachable()
     assert len(conditions) > 100
     for condition in conditions:

@@ -22,30 +22,6 @@ def outputs(points: IoPoints) -> list[int]:
     return [points.read(DO, index) for index in range(points.profile.digital_outputs)]
 
 
-def test_default_profile_is_the_standard_io_of_an_rc620(points: IoPoints) -> None:
-    assert points.ranges() == (
-        IoRange(1, 0, 24, 2),
-        IoRange(2, 0, 16, 3),
-        IoRange(3, 0, 2, 2),
-        IoRange(4, 0, 2, 3),
-        IoRange(5, 0, 3, 2),
-        IoRange(5, 1000, 2, 2),
-        IoRange(6, 0, 2, 3),
-        IoRange(6, 1000, 1, 3),
-        IoRange(7, 0, 512, 3),
-    )
-
-
-@pytest.mark.parametrize(
-    ('io_type', 'last', 'value'), [(DO, 15, 1), (AO, 1, -10_000), (FLAG, 511, 1), (GO, 1, 255)]
-)
-def test_written_value_is_read(points: IoPoints, io_type: IoType, last: int, value: int) -> None:
-    assert points.read(io_type, last) == 0
-    points.write(io_type, last, value)
-    assert points.read(io_type, last) == value
-    assert points.read(io_type, 0) == 0
-
-
 @pytest.mark.parametrize(('io_type', 'value'), [(DI, 1), (AI, 2500), (GI, 0x5A)])
 def test_input_is_set_from_outside_only(points: IoPoints, io_type: IoType, value: int) -> None:
     with pytest.raises(IoError, match='an input cannot be written') as error:
@@ -54,14 +30,6 @@ def test_input_is_set_from_outside_only(points: IoPoints, io_type: IoType, value
     assert points.read(io_type, 1) == 0
     points.set_input(io_type, 1, value)
     assert points.read(io_type, 1) == value
-
-
-@pytest.mark.parametrize('io_type', [DO, AO, GO, FLAG])
-def test_output_is_not_set_from_outside(points: IoPoints, io_type: IoType) -> None:
-    with pytest.raises(IoError, match='no input') as error:
-        points.set_input(io_type, 0, 1)
-    assert error.value.result is IoResult.TYPE_FEATURE_UNSUPPORTED
-    assert points.read(io_type, 0) == 0
 
 
 def test_group_has_8_or_16_points_lowest_first(points: IoPoints) -> None:
@@ -76,7 +44,7 @@ def test_group_has_8_or_16_points_lowest_first(points: IoPoints) -> None:
     assert points.read(GI, 1001) == 0x80
 
 
-def test_port_of_flags(points: IoPoints) -> None:
+def test_flags_are_read_and_written_as_ports(points: IoPoints) -> None:
     points.write_port(FLAG, 31, 16, 0xF00F)
     assert points.read(FLAG, 511) == 1
     assert points.read_port(FLAG, 63, 8) == 0xF0
@@ -177,18 +145,6 @@ def test_invalid_range_is_refused(
     assert error.value.result is IoResult.INDEX_OUT_OF_RANGE
 
 
-def test_values_of_a_range(points: IoPoints) -> None:
-    points.set_input(GI, 0, 0b101)
-    for io_type, start, count, values in (
-        (DI, 0, 4, (1, 0, 1, 0)),
-        (DI, 23, 1, (0,)),
-        (GI, 0, 3, (5, 0, 0)),
-        (GI, 1000, 2, (5, 0)),
-    ):
-        points.check_range(io_type, start, count)
-        assert points.read_range(io_type, start, count) == values
-
-
 def test_listener_is_called_once_per_change(points: IoPoints) -> None:
     calls: list[int] = []
     stop = points.listen(lambda: calls.append(points.read(GO, 0)))
@@ -242,7 +198,7 @@ def test_boot_keeps_only_inputs() -> None:
     assert state(points) == (0b1000, 0, 2500, 0, 1)
 
 
-def test_last_writing_client_leaves_safe_outputs() -> None:
+def test_outputs_become_safe_when_the_last_client_that_wrote_has_gone() -> None:
     points = safe_points()
     reader, first, second = object(), object(), object()
     points.client_wrote(first)
@@ -272,3 +228,11 @@ def test_reset_of_one_output_ignores_keep_on_reset() -> None:
         with pytest.raises(IoError, match='an input cannot be reset') as error:
             points.reset_point(io_type, 0)
         assert error.value.result is IoResult.TYPE_FEATURE_UNSUPPORTED
+
+
+@pytest.mark.parametrize('io_type', [DO, AO, GO, FLAG])
+def test_output_is_not_set_from_outside(points: IoPoints, io_type: IoType) -> None:
+    with pytest.raises(IoError, match='no input') as error:
+        points.set_input(io_type, 0, 1)
+    assert error.value.result is IoResult.TYPE_FEATURE_UNSUPPORTED
+    assert points.read(io_type, 0) == 0

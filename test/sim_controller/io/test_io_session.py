@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The I/O port: requests, publications and lost clients."""
 
-import gc
 import re
 import struct
-import weakref
 from pathlib import Path
 
 import pytest
@@ -279,24 +277,6 @@ def test_undone_change_is_not_published(harness: Harness, client: Client) -> Non
     assert client.published() == []
 
 
-def test_each_client_gets_its_subscriptions(harness: Harness) -> None:
-    writer, reader, deaf = harness.client(), harness.client(), harness.client()
-    reader.ask(SUB, 0, 1, DO, 0, 2)
-    harness.wait(0.0)
-    reader.received()
-    writer.ask(WRITE, 0, 1, DO, 1, 1)
-    harness.wait(0.01)
-    assert reader.published() == [(10, 1, DO, 0, 2, 0, 1)]
-    assert writer.received() == deaf.received() == []
-
-
-def test_range_with_the_same_start_replaces_the_first(harness: Harness, client: Client) -> None:
-    client.ask(SUB, 0, 1, DI, 0, 4)
-    client.ask(SUB, 0, 1, DI, 0, 2)
-    harness.wait(0.0)
-    assert client.published() == [(0, 1, DI, 0, 2, 0, 0)]
-
-
 def test_unsubscribed_range_is_not_published(harness: Harness, client: Client) -> None:
     client.ask(SUB, 0, 2, DI, 0, 1, DO, 0, 1)
     harness.wait(0.0)
@@ -459,15 +439,3 @@ def test_lost_client_gets_no_messages(harness: Harness, client: Client) -> None:
     client.session.receive(frame(READ, 0, 1, DI, 0))
     assert client.received() == []
     assert harness.clock.next_due is None
-
-
-def test_lost_client_is_not_kept_in_memory(harness: Harness) -> None:
-    client = harness.client()
-    client.ask(SUB, 0, 1, DI, 0, 1)
-    client.ask(WRITE, 0, 1, DO, 0, 1)
-    client.session.closed()
-    gone = weakref.ref(client.session)
-    del client
-    harness.wait(1.0)
-    gc.collect()
-    assert gone() is None

@@ -47,14 +47,6 @@ def test_controllers_at_two_addresses_are_announced_apart(
     run(scenario())
 
 
-def test_port_can_be_announced_once() -> None:
-    with announce(HOST, 1):
-        with pytest.raises(OSError, match='in use'):
-            announce(HOST, 1)
-        assert is_announced(HOST, 1)
-    assert not is_announced(HOST, 1)
-
-
 @pytest.mark.invariant(1)
 def test_controller_at_all_addresses_is_announced_at_local_ones_only() -> None:
     with announce('0.0.0.0', 1):

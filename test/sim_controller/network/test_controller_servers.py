@@ -12,7 +12,6 @@ import pytest
 from support.controller_harness import FAILURE, MODEL, PROFILE, STOP, SUCCESS, frame, point
 from support.event_loop import run, stand_still, until
 
-from epson_driver.remote_ethernet.client import RemoteError, execute
 from epson_driver.sim_controller.arm.planner_process import PlannerProcess
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.client_connections import MAX_CATCH_UP_SLOTS
@@ -431,22 +430,6 @@ async def test_servers_close_while_clients_are_connected(served):
 
 
 # ---- remote port and its client
-
-
-@on_sockets
-async def test_remote_commands_over_the_network(served):
-    port = served.ports.remote
-    assert await execute(HOST, port, ['GetStatus'], 20) == ['00100000001,0000']
-    assert await execute(HOST, port, ['SetMotorsOn,1', 'GetMotor,0'], 20) == ['0', '1,1,0']
-    assert served.controller.condition.motors is Motors.ON
-    await execute(HOST, port, ['Sim,estop,press'], 20)
-    with pytest.raises(RemoteError, match='does not accept it in its present condition') as caught:
-        await execute(HOST, port, ['SetMotorsOn,1'], 20)
-    assert (caught.value.command, caught.value.number) == ('SetMotorsOn,1', 20)
-    with pytest.raises(RemoteError, match=r'Dance: the command is unknown.*error 11'):
-        await execute(HOST, port, ['Dance'], 20)
-    with pytest.raises(ValueError, match='must be one command'):
-        await execute(HOST, port, ['Reset\r\n$SetMotorsOn'], 20)
 
 
 @pytest.mark.invariant(9)

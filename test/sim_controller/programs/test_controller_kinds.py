@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.controller_harness import (
-    FAILURE,
     LIMITS,
     MODEL,
     STOP,
@@ -129,23 +128,6 @@ def test_servos_off_empties_the_queue_of_a_motoman():
         assert status(harness).in_motion == 0
 
 
-def test_continue_does_not_move_a_motoman_without_a_client():
-    harness, _ = moving_motoman()
-    harness.disconnect()
-    harness.step(1.0)
-    stopped = harness.joints[0]
-    harness.do('pause', 'continue')
-    harness.step(2.0)
-    assert harness.joints[0] == stopped
-    harness.do('pause')
-    harness.connect()
-    harness.step(2.0)
-    assert harness.joints[0] == stopped  # it has a client, but is paused
-    harness.do('continue')
-    harness.step(2.0)
-    assert harness.joints[0] > stopped
-
-
 def test_motoman_is_busy_with_a_second_of_points_ahead():
     harness = new_harness('motoman')
     harness.send(command(START_TRAJ_MODE), motoman_point(0, (), 0.0))
@@ -158,14 +140,6 @@ def test_motoman_is_busy_with_a_second_of_points_ahead():
             break
     assert answers[-1] == 1  # BUSY
     assert 8 <= len(answers) - 1 <= 10  # 0.8 s, the current point and the waiting one
-
-
-@pytest.mark.parametrize('smooth', [False, True])
-def test_motoman_reaches_a_point_at_its_time(smooth):
-    harness = new_harness('motoman', smooth)
-    harness.send(command(START_TRAJ_MODE), motoman_point(0, (), 0.0))
-    harness.send(motoman_point(1, (0.05,), 2.0))
-    assert harness.rest() == pytest.approx(2.0, abs=0.05)
 
 
 def test_motoman_status_shows_readiness_and_alarms_only():
@@ -245,16 +219,6 @@ def test_fanuc_does_not_stop_at_intermediate_points(smooth):
     assert harness.joints == pytest.approx(THERE, abs=1e-6)
 
 
-def test_fanuc_closes_the_connection_after_a_late_failure():
-    harness = new_harness('fanuc')
-    harness.send(point(0, THERE), point(1, (9.0,)))
-    assert harness.codes() == [(0, SUCCESS), (1, SUCCESS), (1, FAILURE)]
-    assert harness.peer.ended == 'closed'  # not aborted: the FAILURE must arrive
-    harness.rest()
-    assert harness.joints == pytest.approx(THERE, abs=1e-6)
-    assert harness.condition.motors is Motors.ON
-
-
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize('complete', [True, False])
 def test_inv4_abb_executes_only_complete_downloads_of_a_lost_client(complete):
@@ -270,13 +234,6 @@ def test_inv4_abb_executes_only_complete_downloads_of_a_lost_client(complete):
     harness.rest()
     assert harness.joints == pytest.approx(THERE if complete else (0.0,) * 6, abs=1e-6)
     assert harness.condition.motors is Motors.ON
-
-
-def test_abb_does_not_wait_at_its_current_position():
-    harness = new_harness('abb')
-    harness.send(point(-1, (), 0.0, 10.0, comm_type=1), point(-3, THERE, 0.0, 1.0, comm_type=1))
-    assert harness.rest() < 2.0
-    assert harness.joints == pytest.approx(THERE, abs=1e-6)
 
 
 @pytest.mark.invariant(2)

@@ -8,13 +8,11 @@ import pytest
 from support.program_harness import (
     FAILURE,
     HOME,
-    OUTSIDE,
     REQUEST,
     SUCCESS,
     THERE,
     TOPIC,
     ProgramHarness,
-    frame,
     point,
     profile,
     rounded,
@@ -72,16 +70,6 @@ def test_dead_time_starts_when_a_point_arrives():
     assert harness.arm.moving
 
 
-def test_default_dead_time_is_the_measured_one():
-    assert 0.011 <= DOWNLOAD.dead_time <= 0.012
-    harness = ProgramHarness()
-    harness.send(*trajectory(11))
-    harness.step(0.121, 0.001)
-    assert not harness.arm.moving
-    harness.step(0.011, 0.001)
-    assert harness.arm.moving
-
-
 def test_stop_ends_the_dead_time():
     harness = new_harness(dead_time=0.1)
     harness.send(*trajectory(50), point(STOP), *trajectory(2))
@@ -90,13 +78,6 @@ def test_stop_ends_the_dead_time():
 
 
 # ---- the buffer
-
-
-def test_download_that_fills_the_buffer_is_executed():
-    harness = new_harness(buffer=5)
-    harness.send(*trajectory(5))
-    harness.rest()
-    assert harness.joints == rounded(THERE)
 
 
 def test_longer_download_is_refused_as_a_whole():
@@ -132,14 +113,14 @@ def test_inv7_waiting_downloads_are_limited():
     harness.program.pause()
     for _ in range(100):
         harness.send(*trajectory(2))
-    assert harness.program.waiting <= 15
+    assert len(harness.program.queue) <= 15
 
 
 @pytest.mark.invariant(7)
 def test_inv7_download_without_an_end_is_limited():
     harness = new_harness(buffer=10, overflow='drop')
     harness.send(point(FIRST, HOME, TOPIC), *[point(1, THERE, TOPIC)] * 1000)
-    assert harness.program.downloaded == 10
+    assert len(harness.program.download) == 10
     harness.step(1.0)
     assert harness.events == []
 
@@ -151,14 +132,6 @@ def test_inv7_requests_in_a_pause_are_limited():
     harness.send(*[point(FIRST, THERE, REQUEST)] * 11)
     assert harness.codes() == [(FIRST, FAILURE)] * 11
     assert harness.error == 8000
-
-
-def test_two_downloads_are_executed_in_order():
-    harness = new_harness()
-    harness.send(*trajectory(3), *trajectory(3, joints=[-q for q in THERE]))
-    harness.rest()
-    assert harness.joints == rounded([-q for q in THERE])
-    assert harness.events == ['began', 0, 1, 2, 'began', 0, 1, 2]
 
 
 @pytest.mark.invariant(1)
@@ -174,16 +147,6 @@ def test_inv1_lost_client_ends_a_download():
         assert harness.joints == list(HOME)
 
 
-def test_abort_drops_the_rest_of_a_download_silently():
-    harness = new_harness()
-    messages = trajectory(6)
-    harness.send(*messages[:3])
-    harness.program.abort()
-    harness.send(*messages[3:])
-    harness.step(1.0)
-    assert (harness.joints, harness.error, harness.take_sent()) == (list(HOME), 0, b'')
-
-
 @pytest.mark.parametrize('sequence', [1, 0, LAST, -2, -5])
 def test_point_sent_as_topic_without_a_download_ends_the_motion(sequence):
     harness = new_harness()
@@ -196,24 +159,7 @@ def test_point_sent_as_topic_without_a_download_ends_the_motion(sequence):
     assert harness.joints[0] < 0.3
 
 
-def test_corrupt_message_ends_a_download():
-    harness = new_harness()
-    messages = trajectory(5)
-    harness.send(*messages[:3], frame(11, TOPIC), *messages[3:])
-    harness.step(2.0)
-    assert harness.joints == list(HOME)
-    assert harness.error == 8000
-
-
 # ---- together with streaming
-
-
-def test_streamed_point_ends_a_download_of_topics():
-    harness = new_harness()
-    harness.send(*trajectory(5)[:3], point(0, HOME), point(LAST, THERE, TOPIC))
-    assert harness.codes() == [(0, SUCCESS)]
-    harness.step(1.0)
-    assert harness.joints == list(HOME)
 
 
 def test_streamed_points_before_a_download_are_executed_first():
@@ -258,45 +204,3 @@ def test_download_requests_are_answered_during_braking():
     assert harness.codes() == [(0, FAILURE), (STOP, SUCCESS), (FIRST, SUCCESS), (LAST, SUCCESS)]
     harness.rest()
     assert harness.joints == list(HOME)
-
-
-def test_refused_point_ends_the_execution_of_a_download():
-    harness = new_harness()
-    harness.send(*trajectory(5))
-    harness.step(0.2)
-    harness.send(point(1, HOME))
-    assert harness.codes() == [(1, FAILURE)]
-    harness.rest()
-    assert harness.joints[0] < 0.49
-    harness.send(point(2, HOME))
-    assert harness.codes() == [(2, FAILURE)]
-
-
-def test_pause_delays_a_download():
-    harness = new_harness(dead_time=0.01)
-    harness.send(*trajectory(3))
-    harness.pause()
-    harness.step(2.0)
-    assert harness.joints == list(HOME)
-    harness.resume()
-    harness.rest()
-    assert harness.joints == rounded(THERE)
-
-
-def test_unchecked_point_outside_the_limits_ends_a_download_late():
-    harness = new_harness(check_limits=False)
-    messages = trajectory(4)
-    messages[2] = point(2, OUTSIDE, TOPIC)
-    harness.send(*messages)
-    harness.rest()
-    assert harness.joints == pytest.approx([q / 2 for q in THERE])
-    assert harness.error == 4001
-
-
-def test_abb_buffers_100_points():
-    harness = ProgramHarness('abb')
-    harness.send(*trajectory(150))
-    harness.rest()
-    assert harness.joints == pytest.approx([q * 100 / 150 for q in THERE])
-    harness.send(point(STOP))
-    assert harness.take_sent() == frame(11, 3, SUCCESS)

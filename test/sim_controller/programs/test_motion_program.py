@@ -90,7 +90,7 @@ def test_big_endian_points_to_a_big_endian_controller():
     assert split(harness.peer.take(), '>') == [(10, 3, SUCCESS, bytes(44))]
 
 
-def test_motors_on_clears_error_4031_only_and_reset_any():
+def test_motors_on_clears_only_error_4031_but_reset_clears_any():
     harness = Harness(motors=False)
     harness.send(point(0, THERE))
     assert harness.error == 4031

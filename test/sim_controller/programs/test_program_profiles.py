@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects of a controller's profile on the motion program: replies, checks, pauses."""
 
-import math
-
 import numpy as np
 import pytest
 from support.examples import one_in
@@ -21,10 +19,7 @@ from support.program_harness import (
     rounded,
 )
 
-from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
-
 STOP = -4
-NAN = math.nan
 
 
 # ---- when a point is answered
@@ -78,35 +73,6 @@ def test_start_of_a_trajectory_is_reported_before_its_first_point():
     assert harness.events == ['began', 0]
     harness.rest()
     assert harness.events == ['began', 0, 1, 'began', 0]
-
-
-def test_trajectory_may_start_with_any_unchecked_sequence():
-    harness = ProgramHarness(check_sequence=False)
-    harness.send(point(5), point(5))
-    assert harness.events == ['began', 5, 5]
-
-
-def test_restart_at_the_start_of_a_trajectory_refuses_its_point():
-    harness = ProgramHarness()
-    harness.began = harness.program.restart
-    harness.send(point(0, THERE))
-    assert harness.codes() == [(0, FAILURE)]
-    assert not harness.arm.moving
-
-
-def test_one_long_step_executes_several_points():
-    harness = ProgramHarness()
-    harness.send(point(0, THERE), point(1, HOME), point(2, THERE))
-    harness.program.step(60.0)
-    assert harness.codes() == [(0, SUCCESS), (1, SUCCESS), (2, SUCCESS)]
-
-
-def test_refused_first_point_starts_no_trajectory():
-    harness = ProgramHarness()
-    harness.blocked = Rejection(ErrorNumber.MOTORS_OFF, 'the motors are off')
-    harness.send(point(0, THERE))
-    assert harness.codes() == [(0, FAILURE)]
-    assert harness.events == []
 
 
 def test_restart_by_a_point_passed_to_the_arm_fails_the_rest():
@@ -245,14 +211,6 @@ def test_later_points_are_not_skipped_nor_any_without_skip_first():
     assert other.events == ['began', 0, 1]
 
 
-def test_skipped_point_is_answered():
-    harness = ProgramHarness(skip_first=0.0017)
-    harness.send(point(0, NEAR), point(1, THERE))
-    assert harness.codes() == [(0, SUCCESS)]
-    harness.rest()
-    assert harness.codes() == [(1, SUCCESS)]
-
-
 def test_abb_executes_a_full_buffer_without_its_end():
     harness = ProgramHarness('abb')
     points = [point(-1, THERE, TOPIC)]
@@ -287,24 +245,6 @@ def test_only_used_fields_change_the_motion(uses, slower):
     assert (slow.rest() > 2.0 * fast.rest()) is slower
 
 
-@pytest.mark.parametrize(
-    ('uses', 'velocity', 'duration'),
-    [
-        ('both', FAILURE, FAILURE),
-        ('velocity', FAILURE, SUCCESS),
-        ('duration', SUCCESS, FAILURE),
-        ('nothing', SUCCESS, SUCCESS),
-    ],
-)
-def test_only_used_fields_are_checked(uses, velocity, duration):
-    for value in (NAN, -1.0, math.inf):
-        harness = ProgramHarness(uses=uses)
-        harness.send(point(0, velocity=value))
-        assert harness.codes() == [(0, velocity)]
-        harness.send(point(0, duration=value))
-        assert harness.codes() == [(0, duration)]
-
-
 # ---- the pause
 
 
@@ -317,38 +257,12 @@ def test_points_in_a_pause_are_executed_afterwards():
     harness.step(5.0)
     assert harness.codes() == []
     assert 0.0 < harness.joints[0] < 0.5
-    assert harness.program.paused
+    assert harness.program.queue.paused
     harness.resume()
-    assert not harness.program.paused
+    assert not harness.program.queue.paused
     harness.rest()
     assert harness.codes() == [(0, SUCCESS), (1, SUCCESS), (2, SUCCESS)]
     assert harness.joints == rounded(THERE)
-
-
-def test_first_point_in_a_pause_moves_nothing_until_continue():
-    harness = ProgramHarness()
-    harness.pause()
-    harness.pause()
-    harness.send(point(0, THERE))
-    harness.step(1.0)
-    assert (harness.joints, harness.codes(), harness.events) == (list(HOME), [], [])
-    harness.resume()
-    harness.rest()
-    assert harness.codes() == [(0, SUCCESS)]
-
-
-@pytest.mark.invariant(3)
-def test_inv3_stop_works_in_a_pause():
-    harness = ProgramHarness()
-    harness.send(point(0, THERE))
-    harness.step(0.1)
-    harness.pause()
-    harness.send(point(1, HOME), point(STOP))
-    assert harness.codes() == [(0, FAILURE), (1, FAILURE), (STOP, SUCCESS)]
-    harness.resume()
-    harness.step(2.0)
-    assert 0.0 < harness.joints[0] < 0.5
-    assert harness.codes() == []
 
 
 # ---- random messages
@@ -367,14 +281,14 @@ def test_inv2_and_7_random_messages_stay_within_limits(name):
             data = frame(*(int(word) for word in random.integers(0, 15, 3)), bytes(52))
         action = random.random()
         if action < 0.02:
-            (harness.resume if harness.program.paused else harness.pause)()
+            (harness.resume if harness.program.queue.paused else harness.pause)()
         elif action < 0.03:
             harness.program.abort()
         harness.send(data)
         harness.step(float(random.choice([0.0, 0.004, 0.3])), 0.02)
         assert (harness.arm.position >= LIMITS.position_min).all()
         assert (harness.arm.position <= LIMITS.position_max).all()
-        assert harness.program.waiting <= max(20, harness.profile.download.buffer) + 1
+        assert len(harness.program.queue) <= max(20, harness.profile.download.buffer) + 1
     harness.resume()
     harness.send(point(STOP))
     harness.rest()

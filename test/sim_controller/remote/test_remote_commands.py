@@ -13,8 +13,7 @@ from support.controller_harness import Harness, Remote, point
 from support.examples import examples
 
 from epson_driver.profiles import load_controller_profile
-from epson_driver.robots import load_robot_model, robot_models
-from epson_driver.robots.model import robot_type
+from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import Mode, Motors, Power, Tasks
 from epson_driver.sim_controller.remote.remote_commands import COMMANDS
@@ -373,6 +372,14 @@ def test_sim_disturb_moves_a_joint(remote):
     assert remote('Sim,disturb,3,300') == '!Sim,20'
 
 
+def test_controller_without_a_program_has_no_tasks_that_an_estop_aborts():
+    model, profile = load_robot_model('t6_602s'), load_controller_profile('remote')
+    remote = Remote(SimpleNamespace(controller=new_controller(model, profile, np.zeros(4))))
+    assert remote('Sim,tasks') == '#Sim,'
+    assert remote('Sim,estop,press') == '#Sim,0'
+    assert remote('GetStatus') == '#GetStatus,00100010001,0000'
+
+
 def test_sim_tasks_lists_type_and_state(remote):
     assert remote('Sim,tasks') == (
         '#Sim,1=motion server,Normal,runs;2=state server,NoEmgAbort,runs;3=I/O server,Normal,runs'
@@ -466,11 +473,3 @@ def test_remote_ethernet_and_spel_return_the_same_robot_type(name: str, number: 
     remote = Remote(SimpleNamespace(controller=controller))
     assert remote('GetRobotInfo') == f'#GetRobotInfo,1,{number},{name.upper().replace("_", "-")}'
     assert remote('Sim,print,RobotType') == f'#Sim,{number}'
-
-
-def test_robot_type_follows_from_the_series() -> None:
-    series = {'rs3': 6, 'rs4': 6, 'rs6': 6, 'n2': 7}
-    for name in robot_models():
-        model = load_robot_model(name)
-        usual = 3 if model.kind == 'SCARA' else 5
-        assert robot_type(model) == series.get(name.partition('_')[0], usual)

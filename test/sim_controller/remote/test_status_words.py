@@ -28,7 +28,7 @@ def controller(moving=False, in_motion=None, error=0, spel=False, **regions):
         moving=moving,
         in_motion=moving if in_motion is None else in_motion,
         error_number=error,
-        program_runs=spel,
+        program=SimpleNamespace(runs=spel),
     )
 
 

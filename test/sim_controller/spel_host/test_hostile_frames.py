@@ -51,7 +51,7 @@ def hostile_frame(chance):
 @pytest.mark.invariant(7)
 @pytest.mark.invariant(1)
 @pytest.mark.parametrize(
-    'count', [1_000, pytest.param(100_000, marks=pytest.mark.slow)], ids=['few', 'many']
+    'count', [1_000, pytest.param(100_000, marks=pytest.mark.soak)], ids=['few', 'many']
 )
 def test_many_hostile_frames_move_nothing(count, caplog):
     caplog.set_level(logging.CRITICAL)

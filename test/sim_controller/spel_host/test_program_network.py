@@ -14,46 +14,6 @@ from epson_driver.spel import NetSettings, SpelError
 SETTINGS = NetSettings('', 2001)
 
 
-def new_network():
-    """Return a network with the motion port open as #201."""
-    network = ProgramNetwork({2001: 'motion'})
-    network.open_net(201, SETTINGS, True)
-    return network
-
-
-def test_bytes_after_a_closed_port_are_dropped():
-    network, sent, closed = new_network(), [], []
-    session = network.session('motion', sent.append, lambda: closed.append(True))
-    session.receive(b'abc')
-    assert network.received(201) == b'abc'
-    network.send(201, b'answer')
-    network.close_net(201)
-    assert closed == [True]
-    session.receive(b'late')
-    assert network.received(201) == b''
-    network.open_net(201, SETTINGS, True)
-    assert network.received(201) == b''
-    assert sent == [b'answer']
-
-
-@pytest.mark.parametrize(('port', 'text'), [(201, 'TCP port 2001'), (202, 'port 202')])
-def test_nothing_is_sent_without_a_peer(port, text):
-    network = new_network()
-    with pytest.raises(SpelError, match=f'{text} has no peer') as refused:
-        network.send(port, b'x')
-    assert refused.value.number == 2902
-
-
-def test_client_of_a_closed_port_is_not_served():
-    network = new_network()
-    assert network.rejection('motion') is None
-    with pytest.raises(ConnectionRefusedError, match='has not opened the state port'):
-        network.session('state', lambda _: None, lambda: None)
-    network.close_net(201)
-    with pytest.raises(ConnectionRefusedError, match='has not opened the motion port'):
-        network.session('motion', lambda _: None, lambda: None)
-
-
 @pytest.mark.parametrize(
     ('statements', 'text'),
     [

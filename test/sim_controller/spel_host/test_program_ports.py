@@ -135,6 +135,7 @@ def test_process_serves_the_ports_of_the_shipped_program():
         process.stdout.close()
 
 
+@pytest.mark.slow
 def test_process_listens_on_other_ports_of_a_program(tmp_path):
     (tmp_path / 'main.prg').write_text(ECHO)
     process, _ = started(
@@ -157,6 +158,7 @@ def test_process_listens_on_other_ports_of_a_program(tmp_path):
         process.stdout.close()
 
 
+@pytest.mark.slow
 def test_process_reads_the_settings_beside_a_program(tmp_path):
     (tmp_path / 'main.prg').write_text(
         'Function main\n  Tool 1\n  OpenNet #201 As Server\n  WaitNet #201\n'

@@ -10,8 +10,9 @@ from support.controller_harness import MODEL, PROFILE, Peer
 from support.spel_program_harness import SpelProgramHarness
 
 from epson_driver.error_texts import load_error_texts
-from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
-from epson_driver.sim_controller.condition.states import RejectedError, Tasks
+from epson_driver.sim_controller.assembly import new_controller, program_network
+from epson_driver.sim_controller.condition.states import Tasks
+from epson_driver.sim_controller.spel_host.spel_program import SpelSource
 from epson_driver.spel import ErrorNumber, build
 
 AWAY = np.radians([30.0, -10.0, 10.0, 0.0, 20.0, 0.0])
@@ -317,22 +318,6 @@ def test_till_without_a_condition_tests_input_0(caplog):
     assert harness.printed == ['-1 -1']
 
 
-def test_target_out_of_range_is_error_4001_before_motion(caplog):
-    source = """
-    Function main
-      Motor On
-      OnErr GoTo failed
-      Go AglToPls(500, 0, 0, 0, 0, 0)
-    failed:
-      Print "error", Err
-    Fend
-    """
-    harness = SpelProgramHarness(source, caplog)
-    harness.step(0.5)
-    assert harness.printed == ['error 4001']
-    assert not np.any(np.diff(harness.positions, axis=0))
-
-
 def test_statement_not_simulated_ends_its_task(caplog):
     source = 'Function main\n  If Motor = On Then\n    SFree 1\n  EndIf\n  SFree 2\nFend\n'
     harness = SpelProgramHarness(source, caplog)
@@ -397,14 +382,7 @@ def test_inv4_continue_does_not_restart_an_ended_program(caplog):
     assert harness.controller.condition.tasks is Tasks.STOPPED
 
 
-def test_program_cannot_raise_power_held_low(caplog):
-    harness = SpelProgramHarness(MOVE, caplog)
-    harness.do('power low')
-    harness.until(lambda: 'there' in harness.printed)
-    assert harness.within_limits()[0] <= 0.051
-
-
-def test_functions_of_the_robot(caplog):
+def test_robot_functions_return_values_of_the_arm(caplog):
     source = """
     Function main
       Motor On
@@ -539,11 +517,3 @@ def test_boot_keeps_only_preserved_variables(caplog):
     harness.do('start')
     harness.step(0.1)
     assert harness.printed == ['boot 1 1', 'boot 2 1', 'boot 3 1']
-
-
-def test_start_is_refused_after_an_estop(caplog):
-    harness = SpelProgramHarness(MOVE, caplog)
-    harness.step(0.1)
-    harness.do('E-stop press', 'E-stop release')
-    with pytest.raises(RejectedError):
-        harness.do('start')

@@ -330,9 +330,9 @@ def test_statements_are_counted_and_frames_are_refused(caplog):
     harness = SpelProgramHarness('Function main\n  Do\n    Wait 0.1\n  Loop\nFend\n', caplog)
     harness.step(0.05)
     program = harness.controller.program
-    before = program.statements
+    before = program.machine.statements
     harness.step(1.0)
-    assert 10 <= program.statements - before <= 40
+    assert 10 <= program.machine.statements - before <= 40
     assert program.ready
     frame = Frame(11, 2, 0, bytes(40), ByteOrder.LITTLE)
     with pytest.raises(RuntimeError, match=r'a SPEL\+ program accepts no frame \(11\)'):

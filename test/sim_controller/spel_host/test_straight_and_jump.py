@@ -56,7 +56,7 @@ def assert_straight(harness):
 
 
 @pytest.mark.invariant(2)
-def test_inv2_move_is_a_straight_line_at_speeds(caplog):
+def test_inv2_move_is_straight_and_reaches_the_programmed_speed(caplog):
     harness = six_axis(caplog, MOVE.format(more=''))
     harness.until(lambda: len(harness.printed) == 2)
     assert harness.printed[-1] == 'there 120 -60'
@@ -107,20 +107,12 @@ def test_inv3_estop_stops_a_line_within_the_limits(caplog):
     harness.assert_within_limits()
 
 
-def test_low_power_limits_a_line_to_50_mm_per_second(caplog):
-    harness = six_axis(caplog, MOVE.format(more='').replace('Power High', 'Power Low'))
-    harness.until(lambda: len(harness.printed) == 2)
-    speeds = np.linalg.norm(np.diff(tool_places(harness), axis=0), axis=1) / STEP_S
-    assert 0.02 < speeds.max() <= 0.0501
-    assert harness.within_limits()[0] <= 0.0501
-
-
 @pytest.mark.parametrize(
     ('statement', 'number', 'text'),
     [
         ('Move P1 +Z(900)', 4007, 'out of reach at '),
         ('Move P1 +U(20)', 9993, 'only the orientation changes'),
-        ('Jump P1', 9993, 'only a SCARA can'),
+        ('Jump P1', 9993, 'is not a SCARA'),
         ('Move AglToPls(500, 0, 0, 0, 0, 0)', 4001, 'joint_1'),
     ],
 )
@@ -149,20 +141,6 @@ def test_rot_turns_only_the_orientation(caplog):
     places = tool_places(harness)
     assert np.abs(places - places[0]).max() < 2e-5
     harness.assert_within_limits()
-
-
-def test_rot_without_a_turn_is_an_error(caplog):
-    """When the distance is not 0 (p551)."""
-    source = """
-    Function main
-      Motor On
-      Move Here +X(20) ROT
-    Fend
-    """
-    harness = six_axis(caplog, source)
-    harness.until(lambda: harness.controller.error_number)
-    assert 'the orientation does not change' in caplog.text
-    assert not np.any(np.diff(harness.positions, axis=0))
 
 
 @pytest.mark.parametrize('power', ['High', 'Low'])
@@ -373,9 +351,7 @@ def arch_of(caplog, name, low_power):
     controller = six_axis(caplog, 'Function main\nFend\n').controller
     for setting, values in (('SpeedS', (800.0,)), ('AccelS', (8000.0, 8000.0))):
         controller.change_setting(setting, values)
-    motion = RobotMotion(
-        controller.arm.executor, controller.clock, lambda: None, 0.01, lambda: None
-    )
+    motion = RobotMotion(controller.arm.executor, controller.clock, lambda: None, 0.01)
     robot = RobotContext(controller, motion, RobotPoints(controller.model))
     here = robot.points.place(BENT)
     there = changed(changed(here, '+', 'x', 150.0), '+', 'z', -60.0)
@@ -386,6 +362,7 @@ def arch_of(caplog, name, low_power):
     return robot, point.path(BENT, low_power)
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize(
     ('name', 'low_power'),
@@ -412,20 +389,6 @@ def test_inv2_arch_and_a_stop_on_it_respect_every_limit(caplog, name, low_power)
         assert np.max(np.abs(accelerations) / limits.acceleration) <= 1.0 + 1e-9
         assert np.abs(velocities[-1]).max() < 1e-9
     assert motion.stop(0.4 * motion.duration).duration < 0.6 * motion.duration
-
-
-def test_jump_with_an_arch_continues_after_a_pause(caplog):
-    source = ARCH.format(power=HIGH, more=' C1')
-    harness = SpelProgramHarness(source, caplog, model=SCARA)
-    harness.until(lambda: harness.printed == ['stands'])
-    harness.step(0.2)
-    harness.do('pause')
-    harness.step(1.0)
-    assert not np.any(harness.velocity)
-    harness.do('continue')
-    harness.until(lambda: len(harness.printed) == 2)
-    assert harness.printed[1] == '180 60 -80'
-    harness.assert_within_limits()
 
 
 @pytest.mark.parametrize(
@@ -472,24 +435,6 @@ def test_inv3_till_ends_a_jump_and_its_remaining_phases(caplog):
     harness.assert_within_limits()
 
 
-def test_jump_above_the_range_of_joint_3_is_refused(caplog):
-    source = 'Function main\n  Motor On\n  LimZ 10\n  Jump JA(10, 20, -30, 40)\nFend\n'
-    harness = SpelProgramHarness(source, caplog, model=SCARA)
-    harness.step(0.5)
-    assert harness.controller.error_number == 9993
-    assert 'main.prg:4: error 9993' in caplog.text
-    assert 'Jump: LimZ 10 is above the range of joint 3' in caplog.text
-    assert not np.any(np.diff(harness.positions, axis=0))
-
-
-def test_move_to_the_current_position_ends_immediately(caplog):
-    harness = six_axis(caplog, 'Function main\n  Motor On\n  Move Here\n  Print "there"\nFend\n')
-    harness.step(0.1)
-    assert harness.printed == ['there']
-    assert harness.controller.error_number == 0
-    assert not np.any(np.diff(harness.positions, axis=0))
-
-
 def test_line_with_half_a_turn_is_executed(caplog):
     source = """
     Function main
@@ -506,31 +451,10 @@ def test_line_with_half_a_turn_is_executed(caplog):
     assert abs(turned[5]) == pytest.approx(np.pi - abs(turned[0]), abs=1e-3)
 
 
-def test_line_after_a_blended_go_starts_from_rest(caplog):
-    """Go … CP overlaps with a Go only."""
-    source = """
-    Function main
-      Motor On; Power High; Speed 50; Accel 50, 50; SpeedS 100
-      P1 = Here
-      Go AglToPls(10, -10, 20, 0, -60, 0) CP
-      Move Here +Z(-30)
-      Print "there"
-    Fend
-    """
-    harness = six_axis(caplog, source)
-    harness.until(lambda: harness.printed == ['there'])
-    positions = np.array(harness.positions)
-    there = np.argmin(np.abs(positions - np.radians([10.0, -10.0, 20.0, 0.0, -60.0, 0.0])).max(1))
-    assert np.abs(positions[there] - np.radians([10.0, -10, 20, 0, -60, 0])).max() < 1e-6
-    harness.assert_within_limits()
-
-
 def test_blocked_line_is_resumed_slowly_in_joint_space(caplog):
     harness = six_axis(caplog, 'Function main\nFend\n')
     controller = harness.controller
-    motion = RobotMotion(
-        controller.arm.executor, controller.clock, lambda: None, 0.01, lambda: None
-    )
+    motion = RobotMotion(controller.arm.executor, controller.clock, lambda: None, 0.01)
     robot = RobotContext(controller, motion, RobotPoints(controller.model))
     place = robot.points.place(BENT)
     target = changed(place, '+', 'x', 50.0)
@@ -548,23 +472,6 @@ def test_blocked_line_is_resumed_slowly_in_joint_space(caplog):
     times = np.linspace(0.0, slow.duration, 200)
     speeds = np.array([slow.at(time)[1] for time in times])
     assert np.max(np.abs(speeds) / limits.velocity) <= fraction * 1.001
-
-
-@pytest.mark.parametrize('hand', ['L', 'R'])
-def test_scara_reaches_a_point_with_its_taught_hand(caplog, hand):
-    """The hand flag selects the side of joint 2 (SPEL+ p592)."""
-    source = f"""
-    Function main
-      Motor On
-      P1 = XY(150, 120, -20, 30) /{hand}
-      Go P1
-      Print Agl(2) > 0, Int(CX(Here) + 0.5), Int(CZ(Here) + 0.5) = Int(CZ(P1) + 0.5)
-    Fend
-    """
-    start = np.array([0.3, 0.5, -0.02, 0.0])
-    harness = SpelProgramHarness(source, caplog, model=SCARA, start=start)
-    harness.step(5.0)
-    assert harness.printed == [f'{-1 if hand == "R" else 0} 150 -1']
 
 
 @pytest.mark.invariant(2)

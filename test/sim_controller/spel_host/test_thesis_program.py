@@ -18,8 +18,8 @@ from support.spel_program_harness import STEP_S, SpelProgramHarness
 from support.thesis_program import SEED, call_library, listings, program_files
 
 from epson_driver.profiles.profile import load_controller_profile
-from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
-from epson_driver.sim_controller.spel_host.spel_host import LogTerminal, SpelHost
+from epson_driver.sim_controller.assembly import new_controller, program_network
+from epson_driver.sim_controller.spel_host.spel_program import SpelProgram, SpelSource
 from epson_driver.spel import ErrorNumber, SpelError, build
 
 FOUND = listings()
@@ -29,7 +29,6 @@ pytestmark = pytest.mark.skipif(
 )
 PAGE = (Path(__file__).parents[3] / 'docs' / 'controllers.md').read_text(encoding='utf-8')
 EXAMPLE = PAGE.split('```yaml\n', 1)[1].split('```', 1)[0]
-RETRY = 4
 REPLY = struct.pack('<4i', 56, 10, 3, 1) + bytes(44)
 """Its only reply: SUCCESS and zeros."""
 UNKNOWN = -1
@@ -68,7 +67,7 @@ class ThesisHarness(SpelProgramHarness):
 @pytest.fixture
 def new_harness(caplog, monkeypatch, tmp_path):
     caplog.set_level(logging.INFO)
-    monkeypatch.setattr(SpelHost, 'call_library', call_library)
+    monkeypatch.setattr(SpelProgram, 'call_library', call_library)
     return lambda **options: ThesisHarness(caplog, tmp_path, **options)
 
 
@@ -89,7 +88,7 @@ def at(*values):
     return [*values, *[0.0] * (6 - len(values))]
 
 
-def test_listings_are_repaired():
+def test_listings_extracted_from_the_thesis_are_repaired():
     repairs = Counter()
     files = program_files(FOUND, repairs)
     assert sorted(files) == [
@@ -212,33 +211,9 @@ def test_error_of_the_state_server_ends_all_tasks(harness, monkeypatch):
     def gone(_host, _library, name, _arguments):
         raise SpelError(ErrorNumber.NO_LIBRARY, name)
 
-    monkeypatch.setattr(SpelHost, 'call_library', gone)
+    monkeypatch.setattr(SpelProgram, 'call_library', gone)
     harness.step(0.5)
     assert_no_server(harness)
-
-
-def test_motors_on_by_retry_resets_speed_and_accel(new_harness, monkeypatch):
-    """Defect 7: Motor On sets defaults. At the profile's `power: low` they are the same 5 %."""
-    monkeypatch.setattr(LogTerminal, 'message_box', lambda *_: RETRY)
-    harness = new_harness(motors=False)
-    spel = harness.controller.spel
-    assert (spel.values('Speed'), spel.values('Accel')) == ((50.0,), (50.0, 50.0))
-    motion, peer = harness.client('motion')
-    assert harness.send(motion, peer, point(0, at(0.1))) == [REPLY]
-    harness.until(lambda: not harness.controller.in_motion)
-    assert abs(harness.position[0] - 0.1) < 1e-5
-    assert spel.values('Speed') == pytest.approx((5.0,))
-    assert spel.values('Accel') == pytest.approx((5.0, 5.0))
-    assert harness.profile.motion.power == 'low'
-
-
-def test_dll_ignores_velocity_and_duration(harness):
-    """Defect 11: they stay 0, see `uses: nothing`."""
-    (declared,) = [line for line in FOUND['C'] if 'Declare convertToFloatingpoint' in line]
-    assert 'ByRef output_velocity As Real, ByRef output_duration As Real' in declared
-    (defined,) = [line for line in FOUND['F'] if 'short convertToFloatingpoint(' in line]
-    assert defined.rstrip().endswith('float* joint_data,float velocity,float duration)')
-    assert harness.profile.program.uses.value == 'nothing'
 
 
 def test_corrupt_message_ends_all_tasks(harness):
@@ -247,16 +222,6 @@ def test_corrupt_message_ends_all_tasks(harness):
     motion.receive(frame(11, 2, 0, bytes(20)))
     harness.step(3.0)
     assert_no_server(harness)
-
-
-def test_turns_of_the_wrist_are_lost(harness):
-    """Defect 6: P2 = AglToPls( ) is a place in space, so joint 6 takes the shorter turn."""
-    motion, peer = harness.client('motion')
-    target = [0.1, -0.1, 0.2, 0.0, 0.5, 1.5 * np.pi]
-    assert harness.send(motion, peer, point(0, target)) == [REPLY]
-    harness.until(lambda: not harness.controller.in_motion)
-    assert harness.position[5] == pytest.approx(-0.5 * np.pi, abs=1e-4)
-    assert harness.position[:3] == pytest.approx(target[:3], abs=1e-4)
 
 
 def test_low_power_limits_speed_to_5_percent(harness):

@@ -64,6 +64,12 @@ def test_teleoperation_moves_joint_1(folder):
     assert np.ptp(joints[:, 1:], axis=0).max() < NEAR
 
 
+def test_example_policy_runs():
+    example = Path(__file__).parents[3] / 'examples' / 'lerobot_policy.py'
+    run = subprocess.run([sys.executable, example], capture_output=True, text=True, check=True)
+    assert run.stdout.endswith('done\n')
+
+
 def test_recorded_motion_is_replayed(folder):
     run('lerobot-record', folder)
     tables = sorted((folder / 'wave' / 'data').rglob('*.parquet'))

@@ -29,9 +29,9 @@ from support.spin_thread import SpinThread
 from epson_driver.motion import Trajectory
 from epson_driver.node.ros_process import RosThread
 from epson_driver.panel.robot_state import RobotState
-from epson_driver.panel.ros_discovery import RosDiscovery
-from epson_driver.panel.ros_robot import PARAMETERS, Goal, NoDriverError, RosRobot
 from epson_driver.processes.processes import free_ros_domain, ros_environment
+from epson_driver.ros_panel.ros_discovery import RosDiscovery
+from epson_driver.ros_panel.ros_robot import PARAMETERS, Goal, NoDriverError, RosRobot
 
 TRAJECTORY = Trajectory(('joint_1',), np.array([1.0]), np.array([[0.5]]))
 
@@ -162,14 +162,18 @@ def test_goals_are_sent_and_canceled_in_the_executor_thread(
     assert pair.robot.goals == []
 
 
-@pytest.mark.invariant(3)
-def test_goal_canceled_before_sending_is_not_sent(pair: DriverAndPanel) -> None:
+@pytest.mark.invariant(3, 5)
+def test_goal_canceled_before_sending_and_rejected_goal_have_ended(pair: DriverAndPanel) -> None:
     send_goal(pair)
-    (goal,) = pair.robot.cancel_goals()
+    goals = pair.robot.cancel_goals()
     pair.serving.start()
-    assert goal.ended.wait(PATIENCE)
-    assert pair.said == ['goal 1: canceled before it was sent']
-    assert pair.driver.requests == []
+    assert goals[0].ended.wait(PATIENCE)
+    pair.driver.server.register_goal_callback(lambda _goal: GoalResponse.REJECT)
+    send_goal(pair)
+    goals += pair.robot.goals
+    assert goals[-1].ended.wait(PATIENCE)
+    assert pair.said == ['goal 1: canceled before it was sent', 'goal 1: rejected']
+    assert pair.driver.requests == pair.robot.goals == []
 
 
 @pytest.mark.invariant(3)
@@ -180,17 +184,6 @@ def test_stop_does_not_overtake_a_goal(pair: DriverAndPanel) -> None:
     pair.serving.start()
     assert goal.ended.wait(PATIENCE)
     assert sorted(pair.driver.requests) == ['goal', 'stop']
-
-
-@pytest.mark.invariant(5)
-def test_rejected_goal_has_ended(pair: DriverAndPanel) -> None:
-    pair.driver.server.register_goal_callback(lambda _goal: GoalResponse.REJECT)
-    pair.serving.start()
-    send_goal(pair)
-    (goal,) = pair.robot.goals
-    assert goal.ended.wait(PATIENCE)
-    assert pair.said == ['goal 1: rejected']
-    assert pair.robot.goals == []
 
 
 @pytest.mark.invariant(5)
@@ -327,36 +320,37 @@ class Answer:
 
 @pytest.mark.invariant(1)
 def test_late_or_incomplete_parameters_are_ignored(
-    no_driver: RosRobot,
+    no_driver: RosRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before = no_driver.parameters
+    service, before = no_driver._parameters, no_driver.parameters
     whole = [ParameterValue(type=4, string_value='c3_a601s') for _ in PARAMETERS]
     unset = [*whole[:-1], ParameterValue()]
+    monkeypatch.setattr(service, '_requested_at', 2.0)
     for answer in (Answer(None), Answer(whole[1:]), Answer(unset)):
-        no_driver._asking = answer
-        no_driver._on_parameters(1.0, answer)
-    no_driver._on_parameters(1.0, Answer(whole))  # the answer to an abandoned request
+        service._pending = answer
+        service._take(answer)
+    service._take(Answer(whole))  # the answer to an abandoned request
     assert no_driver.parameters == before
-    no_driver._asking = asked = Answer(whole)
-    no_driver._on_parameters(2.0, asked)
+    service._pending = asked = Answer(whole)
+    service._take(asked)
     assert no_driver.parameters == dict.fromkeys(PARAMETERS, 'c3_a601s')
     assert no_driver.state.times['parameters'] == 2.0
-    no_driver._asking = None
 
 
 def test_parameters_are_requested_again_after_a_timeout(
     no_driver: RosRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The driver may have ended and been replaced."""
-    monkeypatch.setattr(no_driver._get_parameters, 'service_is_ready', lambda: True)
+    service = no_driver._parameters
+    monkeypatch.setattr(service.client, 'service_is_ready', lambda: True)
     no_driver.state.times.pop('diagnostics', None)
     no_driver.look_for_driver(10.0)
-    first = no_driver._asking
+    first = service._pending
     no_driver.look_for_driver(12.0)
-    assert no_driver._asking is first
+    assert service._pending is first
     no_driver.look_for_driver(13.5)
-    assert no_driver._asking is not first
-    no_driver._give_up_asking()
+    assert service._pending is not first
+    service.drop()
 
 
 def test_lost_driver_is_forgotten_and_discovered_again(
@@ -382,7 +376,7 @@ def test_lost_driver_is_forgotten_and_discovered_again(
         while True:
             discovery.discover(now)
             robot = discovery.robots.get('/left/epson_driver')
-            if (robot is not None and robot._get_parameters.service_is_ready()) == there:
+            if (robot is not None and robot._parameters.client.service_is_ready()) == there:
                 return
             assert time.monotonic() < until
             time.sleep(0.05)
@@ -392,11 +386,12 @@ def test_lost_driver_is_forgotten_and_discovered_again(
             node = Node('epson_driver', namespace='left', context=context)
             node.create_service(SetSpeedScaling, '~/set_speed_scaling', lambda _, answer: answer)
             look(now, True)
-            assert discovery.forget_silent(now + 200.0, 60.0) == []  # silent, but there
+            look(now + 200.0, True)  # silent, but there
             node.destroy_node()
             look(now + 210.0, False)
-            assert discovery.forget_silent(now + 250.0, 60.0) == []
-            assert discovery.forget_silent(now + 261.0, 60.0) == ['/left/epson_driver']
+            discovery.discover(now + 250.0)
+            assert [*discovery.robots] == ['/left/epson_driver']
+            discovery.discover(now + 271.0)
             assert discovery.robots == {}
     finally:
         discovery.close()

@@ -11,7 +11,6 @@ import math
 import threading
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointJog, JointTrajectoryControllerState
 from diagnostic_msgs.msg import DiagnosticStatus
 from epson_msgs.msg import IoPoint, IoStates
-from epson_msgs.srv import SetSpeedScaling, WriteIo
+from epson_msgs.srv import SetSpeedScaling, TaughtPoints, WriteIo
 from industrial_msgs.msg import RobotMode, RobotStatus
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
@@ -38,11 +37,12 @@ from epson_driver.node.joint_reader import MAX_POSITION, JointReader
 from epson_driver.node.ros_process import polled_subscription as subscribed
 from epson_driver.node.ros_process import take
 from epson_driver.node.trajectory_messages import duration_in_s, trajectory_message
-from epson_driver.panel.driver_points import DriverPoints
 from epson_driver.panel.robot_state import (
     ERROR,
     INFO,
     MAX_AGES_S,
+    MAX_TAUGHT_POINTS,
+    TRIGGERS,
     WARN,
     Event,
     IoRange,
@@ -54,30 +54,70 @@ from epson_driver.panel.robot_state import (
 )
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Best effort: the driver does not wait for the panel, and repeats no messages for it."""
+"""QoS for states: best effort, because an outdated message need not be repeated."""
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-ANSWER_TIMEOUT_S = 15.0
-"""Timeout of a service, s. The driver needs less to switch the motors on."""
-
-PARAMETERS_TIMEOUT_S = 3.0
-"""Timeout of a request for parameters, s. A driver that has died never answers."""
+ANSWER_TIMEOUT_S = 15.0  # the driver needs less to switch the motors on
+PARAMETERS_TIMEOUT_S, POINTS_TIMEOUT_S = 3.0, 5.0
+POINTS_PERIOD_S = 2.0  # minimum interval between requests for taught points, s
 
 PARAMETERS = ('robot_model', 'joint_names', 'robot_ip', 'remote_port', 'controller')
-
-TRIGGERS = ('stop', 'enable', 'disable', 'reset_error')
 
 
 class NoDriverError(RequestError):
     """The driver offers no server for a request. The text names the server."""
 
 
-class Goal:
-    """A goal of the panel, which can be canceled even before it is sent or accepted.
+class PolledService:
+    """Requests to a service, one at a time, at least `period` s apart.
 
-    `cancel` may be called in any thread, `accepted` only in the executor's thread. `text`: name of
-    the goal for the log.
+    A request is dropped after `timeout` s, because a driver that has died never answers.
+    `on_answer` is called with an answer and the time of its request, in the executor's thread.
+    """
+
+    def __init__(
+        self,
+        client: Any,
+        request: Any,
+        on_answer: Callable[[Any, float], object],
+        timeout: float,
+        period: float = 0.0,
+    ) -> None:
+        self.client = client
+        self._request = request
+        self._on_answer = on_answer
+        self._timeout = timeout
+        self._period = period
+        self._pending: Any = None
+        self._requested_at = -math.inf
+
+    def poll(self, now: float) -> None:
+        """Send a request if one is due. `now`: the panel's clock, s."""
+        elapsed = now - self._requested_at
+        if elapsed > self._timeout:
+            self.drop()
+        if self._pending is None and elapsed > self._period and self.client.service_is_ready():
+            self._requested_at = now
+            self._pending = self.client.call_async(self._request)
+            self._pending.add_done_callback(self._take)
+
+    def drop(self) -> None:
+        if self._pending is not None:
+            self.client.remove_pending_request(self._pending)
+            self._pending = None
+
+    def _take(self, future: Any) -> None:
+        answer = future.result()
+        if future is self._pending:
+            self._pending = None
+            if answer is not None:
+                self._on_answer(answer, self._requested_at)
+
+
+class Goal:
+    """A motion that the panel requested. It can be cancelled even before it is sent or accepted.
+
+    `cancel` may be called in any thread, `accepted` only in the executor's thread.
     """
 
     def __init__(self, text: str, executor: Executor) -> None:
@@ -89,12 +129,10 @@ class Goal:
         self._canceled_early = False
 
     def cancel(self) -> None:
-        """Cancel the goal. A goal that is not sent yet is dropped."""
         self.canceled = True
         self._executor.create_task(self._cancel)
 
     def accepted(self, handle: Any) -> None:
-        """Store the goal's handle, and cancel the goal if `cancel` was called before."""
         self._handle = handle
         if self._canceled_early:
             handle.cancel_goal_async()
@@ -107,7 +145,10 @@ class Goal:
 
 
 class RosRobot:
-    """A driver. Requests are thread-safe and do not block. `sample` runs in one thread.
+    """A driver. `sample` runs in one thread.
+
+    Requests are thread-safe and do not block. They raise NoDriverError if the driver does not
+    offer the service or action, and call `say` with the outcome.
 
     * node: receives the answers. `executor` spins it in one thread.
     * sampled: the node of the subscriptions, which no executor spins.
@@ -118,6 +159,7 @@ class RosRobot:
         self._executor = executor
         self.name = name
         self.namespace = name.rpartition('/')[0]
+        self.label = self.namespace.strip('/') or name.strip('/')
         self._node, self._sampled = node, sampled
         self._last_present: float | None = None
         self.state = RobotState()
@@ -129,23 +171,28 @@ class RosRobot:
         }
         self._set_speed = node.create_client(SetSpeedScaling, f'{name}/set_speed_scaling')
         self._write_io = node.create_client(WriteIo, f'{name}/write_io')
-        self._get_parameters = node.create_client(GetParameters, f'{name}/get_parameters')
+        self._parameters = PolledService(
+            node.create_client(GetParameters, f'{name}/get_parameters'),
+            GetParameters.Request(names=list(PARAMETERS)),
+            self._on_parameters,
+            PARAMETERS_TIMEOUT_S,
+        )
+        self._points = PolledService(
+            node.create_client(TaughtPoints, f'{name}/taught_points'),
+            TaughtPoints.Request(),
+            self._on_points,
+            POINTS_TIMEOUT_S,
+            POINTS_PERIOD_S,
+        )
         self._jog = node.create_publisher(JointJog, f'{name}/joint_jog', LATEST)
-        self._points = DriverPoints(node, name, self.state)
-        self._asking: Any = None
-        self._requested_at = 0.0
         self._action = ActionClient(node, FollowJointTrajectory, f'{name}/follow_joint_trajectory')
-        self._goals: list[Goal] = []
+        self._goals: list[Goal] = []  # those that have not ended
         self._goals_lock = threading.Lock()
         self._joints = JointReader(f'{name}/controller_state')
+        report = JointTrajectoryControllerState
         topics: tuple[tuple[Any, str, Callable[[Any, float], None], QoSProfile], ...] = (
             (RobotStatus, f'{self.namespace}/robot_status', self._on_status, LATEST),
-            (
-                JointTrajectoryControllerState,
-                self._joints.topic,
-                self._on_controller_state,
-                LATEST,
-            ),
+            (report, self._joints.topic, self._on_controller_state, LATEST),
             (String, f'{name}/link_state', self._on_link_state, LATCHED),
             (Float64, f'{name}/speed_scaling', self._on_speed, LATCHED),
             (IoStates, f'{name}/io_states', self._on_io, LATCHED),
@@ -155,27 +202,24 @@ class RosRobot:
         ]
 
     def last_seen(self, now: float) -> float:
-        """Return when the driver was last present or last reported, s.
-
-        `now` and the result are times on the panel's clock.
-        """
-        if self._last_present is None or self._get_parameters.service_is_ready():
+        """Return when the driver was last present or sent a report, by the panel's clock, s."""
+        if self._last_present is None or self._parameters.client.service_is_ready():
             self._last_present = now
         news = (self.state.times.get(item) for item in ('diagnostics', 'joints', 'status'))
         return max([self._last_present, *(new for new in news if new is not None)])
 
     def close(self) -> None:
-        """Destroy the subscriptions, clients and publishers, because the driver is gone."""
         for subscription, _ in self._topics:
             self._sampled.destroy_subscription(subscription)
         # in the executor's thread, which must not wait for a destroyed entity
         self._executor.create_task(self._destroy)
 
     def _destroy(self) -> None:
-        self._give_up_asking()
-        self._points.close()
         self._action.destroy()
-        clients = [*self._triggers.values(), self._set_speed, self._write_io, self._get_parameters]
+        clients = [*self._triggers.values(), self._set_speed, self._write_io]
+        for service in (self._parameters, self._points):
+            service.drop()
+            clients.append(service.client)
         for client in clients:
             self._node.destroy_client(client)
         self._node.destroy_publisher(self._jog)
@@ -183,42 +227,31 @@ class RosRobot:
     # --- the driver's reports ----------------------------------------------------------------
 
     def sample(self, now: float) -> None:
-        """Read the new messages of the topics. `now`: the panel's clock, s."""
         for subscription, handle in self._topics:
             message = take(subscription)
             if message is not None:
                 handle(message, now)
 
     def look_for_driver(self, now: float) -> None:
-        """Request the parameters of the driver, or drop them if it is gone. `now`: s.
+        """Request the parameters of the driver. Forget them if the driver is gone. `now`: s.
 
-        A driver is also gone if its diagnostics end. ROS may list a killed node for another 20 s.
+        A driver also counts as gone if its diagnostics end. ROS may list a killed node for another
+        20 s.
         """
         silent = 'diagnostics' in self.state.times and not self.state.fresh('diagnostics', now)
-        if silent or not self._get_parameters.service_is_ready():
+        if silent or not self._parameters.client.service_is_ready():
             self.parameters = {}
-            self._give_up_asking()
-            self._points.forget()
+            self._parameters.drop()
+            self._points.drop()
+            self.state.taught = {}
             for goal in self.goals:
                 self._forget(goal)
                 self.log(f'{goal.text}: the driver has disappeared, the result is unknown', WARN)
             return
         self._points.poll(now)
-        if self._asking is not None and now - self._requested_at > PARAMETERS_TIMEOUT_S:
-            self._give_up_asking()
-        if self._asking is None or self._asking.done():
-            self._requested_at = now
-            request = GetParameters.Request(names=list(PARAMETERS))
-            self._asking = self._get_parameters.call_async(request)
-            self._asking.add_done_callback(partial(self._on_parameters, now))
-
-    def _give_up_asking(self) -> None:
-        if self._asking is not None:
-            self._get_parameters.remove_pending_request(self._asking)
-            self._asking = None
+        self._parameters.poll(now)
 
     def on_diagnostics(self, status: DiagnosticStatus, now: float) -> None:
-        """Update the state from the status `NAME: arm` of /diagnostics. `now`: s."""
         values = {item.key: item.value for item in status.values}
         state = self.state
         state.gate_open = values.get('arm gate') == 'open'
@@ -235,19 +268,24 @@ class RosRobot:
             )
         state.times['diagnostics'] = now
 
-    def _on_parameters(self, requested_at: float, future: Any) -> None:
-        answer = future.result()
-        if future is not self._asking or answer is None:
+    def _on_points(self, answer: Any, _requested_at: float) -> None:
+        points = {}
+        for name, pose in zip(answer.names[:MAX_TAUGHT_POINTS], answer.poses, strict=False):
+            p, q = pose.position, pose.orientation
+            values = np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
+            if np.isfinite(values).all() and abs(np.linalg.norm(values[3:]) - 1.0) < 1e-3:
+                points[name] = values
+        self.state.taught = points
+
+    def _on_parameters(self, answer: Any, requested_at: float) -> None:
+        kinds = {2: 'integer_value', 4: 'string_value', 9: 'string_array_value'}
+        values = answer.values
+        if len(values) != len(PARAMETERS) or any(value.type not in kinds for value in values):
             return
-        if len(answer.values) != len(PARAMETERS):
-            return
-        match = {}
-        for name, value in zip(PARAMETERS, answer.values, strict=True):
-            kinds = {2: 'integer_value', 4: 'string_value', 9: 'string_array_value'}
-            if value.type not in kinds:
-                return
-            match[name] = getattr(value, kinds[value.type])
-        self.parameters = match
+        self.parameters = {
+            name: getattr(value, kinds[value.type])
+            for name, value in zip(PARAMETERS, values, strict=True)
+        }
         self.state.times['parameters'] = requested_at
 
     def _on_status(self, message: Any, now: float) -> None:
@@ -306,19 +344,16 @@ class RosRobot:
         )
         self.state.io_reason = '' if message.valid else message.message
 
-    # --- requests to the driver: they do not block, and call `say` with the outcome -------------
+    # --- requests to the driver ------------------------------------------------------------------
 
     def trigger(self, name: str, say: Say) -> None:
-        """Call one of the services in TRIGGERS. Raises NoDriverError if it is unavailable."""
         self._call(self._triggers[name], Trigger.Request(), f'~/{name}', say)
 
     def set_speed(self, factor: float, say: Say) -> None:
-        """Set the speed scaling, 0 … 1. Raises NoDriverError if the service is unavailable."""
         request = SetSpeedScaling.Request(factor=factor)
         self._call(self._set_speed, request, '~/set_speed_scaling', say)
 
     def write_output(self, index: int, value: int, say: Say) -> None:
-        """Set a digital output. Raises NoDriverError if the service is unavailable."""
         point = IoPoint(type=IoPoint.DIGITAL_OUTPUT, index=index, value=value)
         self._call(self._write_io, WriteIo.Request(points=[point]), '~/write_io', say)
 
@@ -327,10 +362,7 @@ class RosRobot:
         self._jog.publish(JointJog(joint_names=list(names), velocities=velocities.tolist()))
 
     def execute(self, trajectory: Trajectory, text: str, say: Say) -> None:
-        """Send a trajectory as a goal. `text`: its name in the log.
-
-        Raises NoDriverError if the action is unavailable.
-        """
+        """Send a trajectory as a goal. `text`: its name in the log."""
         if not self._action.server_is_ready():
             raise NoDriverError(f'no server for {self.name}/follow_joint_trajectory')
         goal = Goal(text, self._executor)
@@ -367,12 +399,10 @@ class RosRobot:
 
     @property
     def goals(self) -> list[Goal]:
-        """The goals of the panel that have not ended."""
         with self._goals_lock:
             return list(self._goals)
 
     def cancel_goals(self) -> list[Goal]:
-        """Cancel all goals of the panel, and return those that have not ended yet."""
         goals = self.goals
         for goal in goals:
             goal.cancel()
@@ -402,7 +432,6 @@ class RosRobot:
         self._executor.create_task(lambda: client.call_async(request).add_done_callback(on_answer))
 
     def log(self, text: str, level: int) -> None:
-        """Add a line to the log of this robot in the page."""
         self.state.add_event(Event(time.time(), level, text))
 
 

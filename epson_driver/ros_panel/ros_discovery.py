@@ -6,6 +6,7 @@ An executor spins one node, which receives answers. The other node has subscript
 are polled (`ros_robot.py`).
 """
 
+import math
 from collections import deque
 from collections.abc import Callable
 
@@ -25,18 +26,13 @@ from epson_driver.node.ros_process import (
     udp_by_default,
 )
 from epson_driver.panel.robot_state import MAX_EVENTS, Event
-from epson_driver.panel.ros_robot import RosRobot
+from epson_driver.ros_panel.ros_robot import RosRobot
 
 NAME = 'epson_driver_panel'
-
 SPEED_SERVICE = ('epson_msgs/srv/SetSpeedScaling', '/set_speed_scaling')
-"""The service that identifies a driver of this package: its type, and the end of its name."""
-
-GOAL_TIMEOUT_S = 3.0
-"""Maximum time for the panel's goals to end when the panel closes, s."""
-
-MAX_AT_ONCE = 50
-"""Maximum number of messages of a topic that are read at a time."""
+REPORTS_PERIOD_S = 0.2  # period for reading diagnostics and log, s
+GONE_AFTER_S = 60.0  # silence of a driver after which its robot is removed from the page, s
+MAX_AT_ONCE = 50  # maximum number of messages of a topic that are read at a time
 
 MANY = QoSProfile(depth=MAX_AT_ONCE, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -45,17 +41,13 @@ LOG = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""Transient local, to receive the lines that were logged before the panel started."""
+"""QoS for the log: transient local, to receive lines that were logged before the panel started."""
 
 
 class RosDiscovery:
-    """The panel's connection to ROS, and the drivers in it.
+    """The panel's connection to ROS, and the drivers that it finds.
 
-    * arguments: ROS arguments of the command line.
-    * names: the drivers' nodes, or None for all drivers that are found.
-    * on_error: called with the failed part and an exception of the ROS thread.
-
-    Raises the exceptions of rclpy.init.
+    `names`: nodes of the drivers, or None for all drivers. Raises the exceptions of rclpy.init.
     """
 
     def __init__(
@@ -81,11 +73,10 @@ class RosDiscovery:
         self._thread = RosThread(on_error, self._context)
         self._thread.executor.add_node(self._node)
         self._thread.start()
-        self.robots: dict[str, RosRobot] = {}
-        """The drivers by the names of their nodes, in the order of discovery."""
-        self._early: deque[tuple[str, Event]] = deque(maxlen=MAX_EVENTS)
-        """Log lines of nodes that are not known as drivers (yet)."""
+        self.robots: dict[str, RosRobot] = {}  # by node, in the order of discovery
+        self._early: deque[tuple[str, Event]] = deque(maxlen=MAX_EVENTS)  # of unknown nodes
         self._find = names is None
+        self._reports_read = -math.inf
         for name in names or ():
             self._add(name)
 
@@ -103,12 +94,13 @@ class RosDiscovery:
                 robot.state.add_event(event)
 
     def sample(self, now: float) -> None:
-        """Read the new messages of all drivers. `now`: the panel's clock, s."""
         for robot in self.robots.values():
             robot.sample(now)
+        if now - self._reports_read >= REPORTS_PERIOD_S:
+            self._reports_read = now
+            self._sample_reports(now)
 
-    def sample_reports(self, now: float) -> None:
-        """Read diagnostics and log lines. `now`: the panel's clock, s."""
+    def _sample_reports(self, now: float) -> None:
         for message in take_all(self._diagnostics, MAX_AT_ONCE):
             for status in message.status:
                 node, separator, part = status.name.partition(': ')
@@ -126,7 +118,6 @@ class RosDiscovery:
                 self._early.append((name, event))
 
     def discover(self, now: float) -> None:
-        """Add new drivers, and request the parameters of all. `now`: the panel's clock, s."""
         if self._find:
             kind, ending = SPEED_SERVICE
             for service, types in self._node.get_service_names_and_types():
@@ -135,26 +126,11 @@ class RosDiscovery:
                     self._add(name)
         for robot in self.robots.values():
             robot.look_for_driver(now)
-
-    def forget_silent(self, now: float, after: float) -> list[str]:
-        """Remove discovered drivers that have been silent for `after` s, and return their names.
-
-        `now`: the panel's clock, s.
-        """
-        if not self._find:
-            return []
-        silent = [name for name, item in self.robots.items() if now - item.last_seen(now) > after]
-        for name in silent:
-            self.robots.pop(name).close()
-        return silent
-
-    def cancel_goals(self) -> bool:
-        """Cancel all goals of the panel, and return whether all ended within GOAL_TIMEOUT_S."""
-        goals = [goal for robot in self.robots.values() for goal in robot.cancel_goals()]
-        return all(goal.ended.wait(GOAL_TIMEOUT_S) for goal in goals)
+        for name, robot in list(self.robots.items()):
+            if self._find and now - robot.last_seen(now) > GONE_AFTER_S:
+                self.robots.pop(name).close()
 
     def close(self) -> None:
-        """Destroy the nodes, and shut down rclpy."""
         self._thread.leave()
         self._thread.executor.shutdown()
         self._node.destroy_node()

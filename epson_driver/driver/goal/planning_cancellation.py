@@ -3,8 +3,8 @@
 """Cancellation of goals whose motion is still being planned.
 
 Planning takes up to several seconds. After a stop, disable or new motion, no request made earlier
-may move the arm, even if it has been enabled again. Goals in planning therefore end together with
-the waiting goals.
+may move the arm, even if the arm has been enabled again. Therefore goals that are being planned
+end together with the waiting goals.
 """
 
 import asyncio
@@ -25,26 +25,20 @@ class PlanningEndedError(RuntimeError):
     """Raised if a goal was canceled during planning. The text contains the reason."""
 
 
-class PlanningScope:
-    """Cancellation of one goal that is being planned.
-
-    Any thread may create a scope. All methods must be called in the driver's event loop.
-    """
+class PlanningCancellation:
+    """Cancellation of one goal that is being planned. Any thread may create it."""
 
     def __init__(self) -> None:
-        self.why: str | None = None
-        """Reason for the cancellation, or None if the goal may start."""
+        self.why: str | None = None  # reason for the cancellation, or None if the goal may start
         self._ended: asyncio.Future[None] | None = None
 
     def end(self, why: str) -> None:
-        """Cancel the goal, so that a pending `in_thread` raises PlanningEndedError."""
         if self.why is None:
             self.why = why
             if self._ended is not None and not self._ended.done():
                 self._ended.set_result(None)
 
     def check(self) -> None:
-        """Raise PlanningEndedError if the goal is canceled."""
         if self.why is not None:
             raise PlanningEndedError(self.why)
 
@@ -52,9 +46,9 @@ class PlanningScope:
         """Run `work` in a thread, and return its result or raise its exception.
 
         Raises PlanningEndedError as soon as the goal is canceled, without waiting for the thread.
-        `work` receives a function that it must call at each step, and that raises
-        PlanningEndedError if the goal is canceled. This ends the thread early, because the process
-        waits for its threads when it exits.
+        `work` receives a function, and must call it at each step. If the goal is canceled, the
+        function raises PlanningEndedError, so that the thread ends early. (The process waits for
+        its threads when it exits.)
         """
         self.check()
         loop = asyncio.get_running_loop()
@@ -76,31 +70,27 @@ class PlanningScope:
             abandoned.set()
 
 
-class PlanningScopes:
+class PlanningCancellations:
     """All goals of a driver that are being planned. Used only in the driver's event loop."""
 
     def __init__(self) -> None:
-        self._plans: WeakValueDictionary[int, PlanningScope] = WeakValueDictionary()
+        self._plans: WeakValueDictionary[int, PlanningCancellation] = WeakValueDictionary()
         self._numbers = count()
 
-    def begin(self, plan: PlanningScope | None = None) -> PlanningScope:
-        """Register a goal, so that `end` cancels it, and return its scope.
-
-        `plan`: the goal's scope; None: a new one. Only a weak reference to it is stored.
-        """
-        plan = PlanningScope() if plan is None else plan
+    def begin(self, plan: PlanningCancellation | None = None) -> PlanningCancellation:
+        """Register a goal, so that `end` cancels it. Only a weak reference is stored."""
+        plan = PlanningCancellation() if plan is None else plan
         self._plans[next(self._numbers)] = plan
         return plan
 
     def end(self, why: str) -> None:
-        """Cancel all registered goals, in the order of their registration."""
         for plan in list(self._plans.values()):
             plan.end(why)
         self._plans.clear()
 
 
 def _log_error(done: 'asyncio.Future[T]', *, abandoned: bool) -> None:
-    """Log an unexpected error of a planning thread if its caller no longer waits (`abandoned`)."""
+    """Log an unexpected error of a planning thread. `abandoned`: its caller no longer waits."""
     if done.cancelled():
         return
     error = done.exception()

@@ -4,7 +4,6 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,9 +15,9 @@ from support.ros_peer import JOINTS, PATIENCE
 from epson_driver.exercise.cell import Observer
 from epson_driver.panel.robot_control import RobotControl
 from epson_driver.panel.robot_state import MAX_AGES_S
-from epson_driver.panel.ros_discovery import RosDiscovery
 from epson_driver.processes import processes
 from epson_driver.robots import load_robot_model
+from epson_driver.ros_panel.ros_discovery import RosDiscovery
 
 BROWSER = 1
 
@@ -49,7 +48,6 @@ class JogRig:
             self._message.header.stamp = self.cell.peer.node.get_clock().now().to_msg()
             self._stranger.publish(self._message)
         self.ros.sample(now)
-        self.ros.sample_reports(now)
         self.ros.discover(now)
         self.control.arming.alive(BROWSER)
         self.control.update()
@@ -76,14 +74,16 @@ class JogRig:
         return self.observer.seen[1][-1]
 
 
-@pytest.fixture
-def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[JogRig]:
-    cell = Cell(tmp_path).ready()
-    for name, value in processes.ros_environment(cell.domain).items():
-        monkeypatch.setenv(name, value)
-    result = JogRig(cell)
-    yield result
-    result.close()
+@pytest.fixture(scope='module')
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[JogRig]:
+    """One rig for all tests, of which the last kills its driver."""
+    cell = Cell(tmp_path_factory.mktemp('cell')).ready()
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in processes.ros_environment(cell.domain).items():
+            patch.setenv(name, value)
+        result = JogRig(cell)
+        yield result
+        result.close()
 
 
 @pytest.mark.invariant(10)
@@ -116,13 +116,13 @@ def test_inv10_jog_ignores_other_joint_state_publishers(
     assert jogged_by[0] > 0.1
     rig.control.step(BROWSER, '2', 'world', -0.1, 1.0)
     rig.wait(lambda: not rig.robot.goals, 'the end of a step')
+    rig.wait(rig.at_rest, 'rest after the step')
     np.testing.assert_allclose(rig.at - before, [jogged_by[0], -0.1, 0, 0, 0, 0], atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(6, 10)
-def test_inv6_joints_are_not_fresh_after_the_driver_was_killed(
-    rig: JogRig,
-) -> None:
+def test_inv6_joints_are_not_fresh_after_the_driver_was_killed(rig: JogRig) -> None:
     rig.say(JOINTS, [0.0] * 6)
     rig.wait(lambda: rig.control.forbidden() is None, 'a robot that can be armed')
     state = rig.robot.state

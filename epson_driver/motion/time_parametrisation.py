@@ -10,22 +10,22 @@ from dataclasses import dataclass
 import numpy as np
 from ruckig import Trajectory as RuckigTrajectory
 
+from epson_driver.motion.interpolation import after
 from epson_driver.motion.limits import Array
 
 State = tuple[float, float, float]
 """Path parameter u, and its velocity u̇ and acceleration ü."""
 
 MIN_PIECE_S = 1e-9
-"""Duration below which a piece of a Ruckig trajectory is ignored as rounding, s."""
+"""Duration below which a piece of a Ruckig trajectory is ignored as rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeParametrisation:
     """A timing of k pieces of constant jerk, which usually ends at rest.
 
-    * times: start of each piece, and the end, shape (k + 1,), s, from 0.
-    * positions, velocities, accelerations: u, u̇ and ü at these times, shape (k + 1,).
-    * jerks: jerk of each piece, shape (k,).
+    times: start times of the pieces, and the end time, shape (k + 1,), s. The first one is 0.
+    positions, velocities, accelerations: u, u̇ and ü at these times.
     """
 
     times: Array
@@ -36,7 +36,6 @@ class TimeParametrisation:
 
     @property
     def duration(self) -> float:
-        """Time of the end, s."""
         return float(self.times[-1])
 
     @property
@@ -45,18 +44,17 @@ class TimeParametrisation:
         return float(self.positions[-1])
 
     def at(self, time: float) -> State:
-        """Return the state at a time: the initial state before the start, a rest after the end."""
+        """Return the state at a time, s.
+
+        It is the initial state before the start, and a rest after the end.
+        """
         if time >= self.times[-1]:
             return self.end, 0.0, 0.0
         piece = max(int(self.times.searchsorted(time, side='right')) - 1, 0)
         t = max(time - float(self.times[piece]), 0.0)
         u, v = float(self.positions[piece]), float(self.velocities[piece])
         a, j = float(self.accelerations[piece]), float(self.jerks[piece])
-        return (
-            u + t * (v + t * (a / 2.0 + t * j / 6.0)),
-            v + t * (a + t * j / 2.0),
-            a + t * j,
-        )
+        return after(t, u, v, a, j)
 
     def sample(self, times: Array) -> tuple[Array, Array, Array, Array]:
         """Return u and three derivatives at times within the timing, in the shape of `times`."""
@@ -64,17 +62,12 @@ class TimeParametrisation:
         t = times - self.times[piece]
         u, v = self.positions[piece], self.velocities[piece]
         a, j = self.accelerations[piece], self.jerks[piece]
-        return (
-            u + t * (v + t * (a / 2.0 + t * j / 6.0)),
-            v + t * (a + t * j / 2.0),
-            a + t * j,
-            j,
-        )
+        return *after(t, u, v, a, j), j
 
     def part(self, start: float, end: float = np.inf) -> 'TimeParametrisation | None':
-        """Return the timing between two times, s, or None if it is empty.
+        """Return the part of the timing between two times, s, or None if it has no duration.
 
-        Its times start at 0, and it may end in motion.
+        The part may end in motion.
         """
         start, end = max(start, 0.0), min(end, self.duration)
         if not start < end:
@@ -92,7 +85,6 @@ class TimeParametrisation:
         )
 
     def then(self, next_: 'TimeParametrisation') -> 'TimeParametrisation':
-        """Return this timing followed by another one."""
         return TimeParametrisation(
             np.concatenate((self.times, self.duration + next_.times[1:])),
             np.concatenate((self.positions, next_.positions[1:])),
@@ -103,7 +95,6 @@ class TimeParametrisation:
 
 
 def from_ruckig(trajectory: RuckigTrajectory) -> TimeParametrisation:
-    """Return a one-dimensional Ruckig trajectory as a timing."""
     profile = trajectory.profiles[0][0]
     brake = profile.brake
     pieces = [
@@ -120,10 +111,7 @@ def from_ruckig(trajectory: RuckigTrajectory) -> TimeParametrisation:
 def from_pieces(
     start: State, durations: Array, jerks: Array, end: float | None = None
 ) -> TimeParametrisation:
-    """Return the timing of pieces with constant jerks, shapes (k,), from a state to rest.
-
-    `end`: path parameter u of the rest, if known. It replaces the integrated value.
-    """
+    """Return the timing of pieces from a state to rest, at u = `end` if this is known."""
     times = np.append(0.0, np.cumsum(durations))
     a = start[2] + np.append(0.0, np.cumsum(durations * jerks))
     v = start[1] + np.append(0.0, np.cumsum(durations * (a[:-1] + durations * jerks / 2.0)))
@@ -135,9 +123,8 @@ def from_pieces(
     return TimeParametrisation(times, u, v, a, jerks)
 
 
-# from the jerk's integrals over three equal times (once, twice, three times) to the jerks
+# matrix from the jerk's first three integrals over three equal times to the three jerks
 _THIRDS = np.array([[1.0, -9.0, 27.0], [-3.5, 27.0, -54.0], [5.5, -18.0, 27.0]])
-"""Matrix from the scaled changes of a, v, u between two states to the jerks of three pieces."""
 
 
 def through_states(times: Array, u: Array, v: Array, a: Array) -> TimeParametrisation:
@@ -154,16 +141,7 @@ def through_states(times: Array, u: Array, v: Array, a: Array) -> TimeParametris
     states = [np.stack([times[:-1], u[:-1], v[:-1], a[:-1]])]
     for jerk in jerks[:2]:
         time, u0, v0, a0 = states[-1]
-        states.append(
-            np.stack(
-                [
-                    time + third,
-                    u0 + third * (v0 + third * (a0 / 2.0 + third * jerk / 6.0)),
-                    v0 + third * (a0 + third * jerk / 2.0),
-                    a0 + third * jerk,
-                ]
-            )
-        )
+        states.append(np.stack([time + third, *after(third, u0, v0, a0, jerk)]))
     columns = np.stack(states, axis=2).reshape(4, -1)
     end = np.array([[times[-1]], [u[-1]], [v[-1]], [a[-1]]])
     since, us, vs, accelerations = np.append(columns, end, axis=1)

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The HTML page with the results of a first run, and the data for a similar simulation.
+"""The HTML page with the results of a first run, and with the data for a similar simulation.
 
-The page is HTML without scripts. The data is JSON inside it, and the wire traces are links in it.
+The page is HTML without scripts. It contains the data as JSON, and the wire traces as links.
 """
 
 import base64
@@ -31,12 +31,13 @@ VERSION = 1
 MAX_FILE_BYTES = 500_000_000
 
 START_S = {False: 0.1257, True: 0.0336}
-"""Time from sending a point to the first motion in the simulated controller without servo lag, s,
-by whether the arm rests at each point. If a robot's time is longer, its state messages are delayed
-in simulation."""
+"""Time from sending a point to the first motion, s, in the simulated controller without servo lag.
+The key is whether the arm rests at each point. If the time of a robot is longer, the simulated
+controller delays its state messages.
+"""
 
 MIN_DELAY_S = 0.01
-"""Minimum delay that is simulated, s. A smaller one is within the scatter."""
+"""Minimum delay that is simulated, s. A shorter delay is within the scatter of the measurement."""
 
 _SECONDS = number(-1e6, 1e6, 's')
 START_TIME = 'joint 1: point sent to motion seen'
@@ -53,42 +54,39 @@ _STYLE = (
 
 @dataclass
 class Entry:
-    """The outcome of a step: done, skipped or failed (with the reason), its date and results."""
+    """The outcome of a step.
+
+    It was done, skipped or failed (with the reason), and has a date and results.
+    """
 
     state: str
     at: str
     found: StepResult = field(default_factory=StepResult)
     why: str = ''
     trace: str = ''
-    """The wire trace, a pcap file in base64."""
 
 
 @dataclass
 class FirstRunRecord:
-    """The results of a first run.
-
-    * about: descriptions of the robot and the software.
-    * entries: the steps by name.
-    * name: name of the file.
-    """
-
-    about: dict[str, str]
-    entries: dict[str, Entry] = field(default_factory=dict)
-    name: str = field(default='first-run', compare=False)
+    about: dict[str, str]  # descriptions of the robot and the software
+    entries: dict[str, Entry] = field(default_factory=dict)  # by step name
+    name: str = field(default='first-run', compare=False)  # name of the file
 
     @property
     def facts(self) -> dict[str, Any]:
-        """The latest facts of all steps, by the keys of a profile and some additional ones."""
+        """The latest facts of all steps: key of a profile, or an additional key → value."""
         return self._all('facts')
 
     @property
     def times(self) -> dict[str, float]:
-        """All measured times, s."""
         return self._all('times')
 
     @property
     def habits(self) -> list[str]:
-        """Unusual behaviour, as sentences: from the steps, then as differences to the profile."""
+        """Sentences about unusual behaviour.
+
+        The sentences from the steps are followed by the differences from the profile.
+        """
         report = [habit for entry in self.entries.values() for habit in entry.found.habits]
         profile = load_controller_profile(self.about['controller'])
         known = {key: value for key, value in self.facts.items() if key in RULES or key == 'io'}
@@ -107,18 +105,16 @@ class FirstRunRecord:
         return result
 
     def save(self, path: Path) -> None:
-        """Write the file. Raises OSError if that fails."""
         write_file(path, ''.join(_page(self)))
 
 
 def load(path: Path) -> FirstRunRecord:
-    """Read a first-run file. Raises InputError if it is not one."""
     name = printable(path)
     content = read_file(path, MAX_FILE_BYTES)
     try:
         result = _DATA.search(content.decode())
         if result is None:
-            raise ValueError('it contains no first-run data')
+            raise ValueError('the record of the first run is missing')
         data = json.loads(result[1])
         choice(VERSION).checked(data['version'], 'version')
         about = {str(key): str(value) for key, value in data['about'].items()}
@@ -126,9 +122,13 @@ def load(path: Path) -> FirstRunRecord:
         if not {'controller', 'robot', 'address', 'when'} <= about.keys():
             raise ValueError('controller, robot, address or date is missing')
     except KeyError as error:
-        raise InputError(f'{name}: is not a first-run file: {error} is missing') from error
+        raise InputError(
+            f'{name}: must be a file written by `epson_driver first_run`: {error} is missing'
+        ) from error
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(f'{name}: is not a first-run file: {printable(error)}') from error
+        raise InputError(
+            f'{name}: must be a file written by `epson_driver first_run`: {printable(error)}'
+        ) from error
     return FirstRunRecord(about, entries, name)
 
 
@@ -140,96 +140,91 @@ def _entry(step: str, data: Mapping[str, Any]) -> Entry:
         _SECONDS.checked(value, f'{step}: {key}')
     flat = {**result.facts, **result.facts.get('io', {}), 'io': 0}
     if not all(isinstance(item, str | int | float) for item in flat.values()):
-        raise TypeError(f'{step}: a fact must be a text, a number, true or false')
+        raise TypeError(f'{step}: each fact must be a string, a number, true or false')
     state = choice(DONE, SKIPPED, FAILED).checked(data['state'], step)
     at, why, trace = texts = [data[key] for key in ('at', 'why', 'trace')]
     if not all(
         isinstance(item, str) for item in (*texts, *result.answers.values(), *result.habits)
     ):
-        raise TypeError(f'{step}: date, reason, trace, answers and habits must be texts')
+        raise TypeError(f'{step}: date, reason, trace, answers and habits must be strings')
     base64.b64decode(trace, validate=True)
     return Entry(state, at, result, why, trace)
 
 
 @dataclass(frozen=True)
 class ReplicaSettings:
-    """The setup of a simulated controller that behaves like the robot.
-
-    * motion: 'smooth', or 'ptp' for a stop at each point.
-    * faults: simulated faults that are active from the start.
-    """
+    """Settings of a simulated controller that behaves like the robot."""
 
     robot: str
     profile: ControllerProfile
-    motion: str
-    faults: tuple[Fault, ...]
+    motion: str  # 'smooth', or 'ptp' for a stop at each point
+    faults: tuple[Fault, ...]  # active from the start
 
 
-def likeness(book: FirstRunRecord) -> ReplicaSettings:
-    """Return the setup of a simulated controller like the robot.
-
-    Raises InputError if the facts make no valid profile.
-    """
-    facts = book.facts
+def replica_settings(record: FirstRunRecord) -> ReplicaSettings:
+    facts = record.facts
     stops = bool(facts.get('rests at points'))
     known = {key: value for key, value in facts.items() if key in RULES or key == 'io'}
-    about = f'first-run, {book.about["address"]}, {book.about["when"]}'
-    text = profile_text('first_run', known, book.about['controller'], about)
+    about = f'first-run, {record.about["address"]}, {record.about["when"]}'
+    text = profile_text('first_run', known, record.about['controller'], about)
     with tempfile.TemporaryDirectory(prefix='epson_driver_first_run_') as folder:
         path = Path(folder, 'first_run.yaml')
         write_file(path, text)
         try:
             profile = load_controller_profile(str(path))
         except InputError as error:
-            raise InputError(f'{book.name}: {error}'.replace(f'{path}: ', '')) from error
+            raise InputError(f'{record.name}: {error}'.replace(f'{path}: ', '')) from error
     replies = float(facts.get('reply delay', 0.0))
-    late = {'motion': replies, 'state': _state_delay(book, profile, replies, stops)}
+    late = {'motion': replies, 'state': _state_delay(record, profile, replies, stops)}
     faults = [
         parse(f'delay:seconds={min(delay, 60.0):.4f},port={port}')
         for port, delay in late.items()
         if delay > MIN_DELAY_S
     ]
     return ReplicaSettings(
-        book.about['robot'], profile, 'ptp' if stops else 'smooth', tuple(faults)
+        record.about['robot'], profile, 'ptp' if stops else 'smooth', tuple(faults)
     )
 
 
 def _state_delay(
-    book: FirstRunRecord, profile: ControllerProfile, replies: float, stops: bool
+    record: FirstRunRecord, profile: ControllerProfile, replies: float, stops: bool
 ) -> float:
     """Return the extra delay of state messages, s, compared with the simulated controller.
 
     `replies`: delay of the controller's replies, s. `stops`: whether the arm stops at each point.
-    A servo lag beyond the profile's has the same effect and is included.
+    If the robot's servo lag is longer than in the profile, the difference has the same effect and
+    is included.
     """
-    start = book.times.get(START_TIME)
+    start = record.times.get(START_TIME)
     if start is None or profile.spel.project:
         return 0.0
     early = 0.0 if stops else min(replies, FIRST_DURATION_S)  # the first point has ended
     late = start - (START_S[stops] + profile.servo.lag - early)
-    return late if late > float(book.facts.get('lateness', 0.0)) else 0.0
+    return late if late > float(record.facts.get('lateness', 0.0)) else 0.0
 
 
-def _page(book: FirstRunRecord) -> Iterator[str]:
-    title = f'First run of {book.about["robot"]} at {book.about["address"]}'
+def _page(record: FirstRunRecord) -> Iterator[str]:
+    title = f'First run of {record.about["robot"]} at {record.about["address"]}'
     yield f'<!doctype html>\n<html lang="en"><meta charset="utf-8"><title>{_text(title)}</title>\n'
     policy = "default-src 'none'; style-src 'unsafe-inline'"
     yield f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
     yield '<meta name="viewport" content="width=device-width">\n'
     yield f'<style>{_STYLE}</style>\n<h1>{_text(title)}</h1>\n'
-    yield from _table('Robot', book.about)
+    yield from _table('Robot', record.about)
     yield '<h2>Habits</h2>\n'
-    if habits := book.habits:
+    if habits := record.habits:
         yield (
             '<ul>'
             + ''.join(f'<li class="habit">{_text(habit)}</li>\n' for habit in habits)
             + '</ul>'
         )
     else:
-        yield f'<p>None: it behaves like the profile {_text(book.about["controller"])}.</p>\n'
-    yield from _table('Times', {key: f'{value * 1e3:.1f} ms' for key, value in book.times.items()})
+        yield f'<p>None: it behaves like the profile {_text(record.about["controller"])}.</p>\n'
+    yield from _table(
+        'Times', {key: f'{value * 1e3:.1f} ms' for key, value in record.times.items()}
+    )
     yield '<h2>Steps</h2>\n'
-    for name, entry in book.entries.items():
+    for name, entry in record.entries.items():
         why = f': {entry.why}' if entry.why else ''
         yield f'<h3>{_text(name)}</h3>\n'
         yield f'<p>{_text(entry.state)}, {_text(entry.at)}{_text(why)}</p>\n'
@@ -240,8 +235,8 @@ def _page(book: FirstRunRecord) -> Iterator[str]:
                 f'<a download="{_text(file)}" href="{_TRACE}{_text(entry.trace)}">wire trace</a>'
             )
             yield f'<p>{link} (Wireshark, <code>epson_driver report</code>)</p>\n'
-    data = {'version': VERSION, 'about': book.about}
-    data |= {'entries': {name: asdict(element) for name, element in book.entries.items()}}
+    data = {'version': VERSION, 'about': record.about}
+    data |= {'entries': {name: asdict(element) for name, element in record.entries.items()}}
     text = json.dumps(data, default=np.generic.item).replace('<', '\\u003c')
     yield f'<script type="application/json" id="first-run">{text}</script>\n</html>\n'
 
@@ -262,5 +257,4 @@ def _text(value: object) -> str:
 
 
 def packed(trace: bytes) -> str:
-    """Return a pcap file in base64, as in `Entry.trace`."""
     return base64.b64encode(trace).decode('ascii')

@@ -10,7 +10,10 @@ from epson_driver.driver.remedy import Remedy, with_remedy
 from epson_driver.panel.robot_state import RobotState, Tri
 
 GOOD, WARN, BAD, OFF, UNKNOWN = COLOURS = ('good', 'warn', 'bad', 'off', 'unknown')
-"""Colours of lamps. OFF: inactive, and no fault. UNKNOWN: grey, the state is not known."""
+"""Colours of lamps.
+
+OFF means inactive, and is no fault. UNKNOWN is grey: the state is not known.
+"""
 
 WORDS = {
     Remedy.CONNECT: 'check that it is running, the cable and robot_ip. The driver reconnects '
@@ -22,35 +25,31 @@ WORDS = {
     Remedy.ENABLE: 'press Enable',
     Remedy.CONTINUE: 'Continue at the pendant',
 }
-"""The texts of remedies, with the names of the page's buttons."""
+"""Remedy → its text, with the names of the page's buttons."""
 
 NEED_ARMING = (Remedy.RELEASE_ESTOP, Remedy.RESET, Remedy.TURN_TO_AUTO, Remedy.ENABLE)
-"""Remedies that end with a button for armed windows."""
-
 CALM = (Cause.MANUAL_MODE, Cause.NOT_ENABLED, Cause.MOTORS_OFF, Cause.PAUSED)
-"""Causes that are no fault. The more specific condition of a simulated controller replaces
-them."""
+"""Causes that are no fault.
 
-NO_ESTOP = 'not active'
-"""Value of `estop` in a simulated controller's condition without an E-stop."""
+For a simulated controller, `_condition` replaces them by more precise advice.
+"""
 
-NO_PROGRAM = ('stopped', 'aborted')
-"""Values of `tasks` in a simulated controller's condition after the program has ended."""
+NO_ESTOP, RELEASED = 'not active', 'released, not reset'
+"""Values of `estop` in a simulated controller's condition. The third value is 'pressed'."""
+
+NO_PROGRAM = ('stopped', 'aborted')  # values of a condition's `tasks` after the program has ended
 
 
 class Lamp(NamedTuple):
-    """One lamp: its name, text and colour."""
-
     name: str
     text: str
     colour: str
 
 
 class Advice(NamedTuple):
-    """The reason why the arm cannot move now, and the remedy.
+    """Why the arm cannot move now, and the remedy.
 
-    * colour: one of COLOURS.
-    * armed: whether the remedy needs an armed window.
+    `armed`: whether the user must arm the browser window before the remedy is possible.
     """
 
     reason: str
@@ -60,17 +59,16 @@ class Advice(NamedTuple):
 
 
 def lamps(state: RobotState, now: float) -> list[Lamp]:
-    """Return all lamps. Those with outdated values are UNKNOWN. `now`: the panel's clock, s."""
+    """Return all lamps. Lamps with outdated values are UNKNOWN. `now`: the panel's clock, s."""
     status_known = state.fresh('status', now)
-    driver_known = state.fresh('diagnostics', now)
-    result = [_link(state, now), *_of_status(state)]
+    result = [_link(state, now), *_of_status(state, _condition(state, now))]
     shown = [
         lamp if status_known or lamp.name == 'Link' else lamp._replace(text='?', colour=UNKNOWN)
         for lamp in result
     ]
     shown.insert(3, _door(state, now))
     enabled = Lamp('Enabled', '?', UNKNOWN)
-    if driver_known and state.gate_open is not None:
+    if state.gate_open is not None and state.fresh('diagnostics', now):
         enabled = Lamp('Enabled', *(('yes', GOOD) if state.gate_open else ('no', WARN)))
     return [*shown, enabled]
 
@@ -84,15 +82,15 @@ def _link(state: RobotState, now: float) -> Lamp:
     return Lamp('Link', text or '?', GOOD if state.link == 'connected' else BAD)
 
 
-def _of_status(state: RobotState) -> Iterator[Lamp]:
+def _of_status(state: RobotState, condition: Mapping[str, str]) -> Iterator[Lamp]:
     status = state.status
     yield _tri('Motors', status.motors_on, ('on', GOOD), ('off', OFF))
-    yield _tri('E-stop', status.e_stopped, ('active', BAD), ('clear', GOOD))
+    active = 'not reset' if condition.get('estop') == RELEASED else 'active'
+    yield _tri('E-stop', status.e_stopped, (active, BAD), ('clear', GOOD))
     codes = ', '.join(str(code) for code in status.error_codes)
     yield _tri('Error', status.in_error, (codes or 'yes', BAD), (codes or 'none', GOOD))
-    yield Lamp(
-        'Mode', status.mode or '?', {'AUTO': GOOD, 'MANUAL': WARN}.get(status.mode, UNKNOWN)
-    )
+    colour = {'AUTO': GOOD, 'MANUAL': WARN}.get(status.mode, UNKNOWN)
+    yield Lamp('Mode', status.mode or '?', colour)
     moving = _tri('Motion', status.in_motion, ('moving', GOOD), ('at rest', OFF))
     if status.in_motion is Tri.NO and status.motion_possible is Tri.NO:
         moving = Lamp('Motion', 'not possible', WARN)
@@ -100,10 +98,9 @@ def _of_status(state: RobotState) -> Iterator[Lamp]:
 
 
 def _door(state: RobotState, now: float) -> Lamp:
-    """Return the door's lamp. Only simulated controllers report the door."""
-    if state.simulation is None or not state.fresh('simulation', now):
+    if not (condition := _condition(state, now)):
         return Lamp('Door', 'not reported', UNKNOWN)
-    door = state.simulation.condition.get('door', '')
+    door = condition.get('door', '')
     return Lamp('Door', door or '?', {'closed': GOOD, '': UNKNOWN}.get(door, BAD))
 
 
@@ -112,9 +109,10 @@ def _tri(name: str, value: Tri, yes: tuple[str, str], no: tuple[str, str]) -> La
 
 
 def advice(state: RobotState, now: float) -> Advice:
-    """Return the first condition that prevents motion, or that the arm is ready or moving.
+    """Return the advice for the first condition that prevents motion.
 
-    `now`: the panel's clock, s.
+    If nothing prevents motion, return the advice for an arm that is ready or moving. `now`: the
+    panel's clock, s.
     """
     if not state.fresh('diagnostics', now):
         remedy = 'STOP may not reach it: use the E-stop. Start it, or check whether it is running'
@@ -143,7 +141,7 @@ def advice(state: RobotState, now: float) -> Advice:
 
 
 def _condition(state: RobotState, now: float) -> Mapping[str, str]:
-    """Return a simulated controller's condition (see `Simulation`), or {} if it is not known."""
+    """Return a simulated controller's condition (see `Simulation`), or {} if it is unknown."""
     if state.simulation is None or not state.fresh('simulation', now):
         return {}
     return state.simulation.condition
@@ -153,36 +151,31 @@ def _estop(condition: Mapping[str, str]) -> Advice | None:
     """Return the advice while the E-stop of a simulated controller is active, else None.
 
     Unlike a robot_status, `condition` shows whether the E-stop is still pressed or needs only a
-    reset, so that the advice names the next action.
+    reset, so the advice can name the next action.
     """
     estop = condition.get('estop', NO_ESTOP)
     if estop == NO_ESTOP:
         return None
-    first = 'release the E-stop, then ' if estop == 'pressed' else ''
-    return Advice(f'the E-stop is {estop}', f'{first}Reset error, then Enable', BAD, True)
+    if estop == RELEASED:
+        return Advice('the E-stop was pressed', WORDS[Remedy.RESET], BAD, True)
+    return Advice(f'the E-stop is {estop}', WORDS[Remedy.RELEASE_ESTOP], BAD, True)
 
 
 def _ended(condition: Mapping[str, str]) -> Advice | None:
     """Return why the program of a simulated controller does not run, or None if it does."""
     if (estop := _estop(condition)) is not None:
         return estop
-    tasks = condition.get('tasks', '')
-    if tasks in NO_PROGRAM:
-        return Advice(
-            f"the controller's program is {tasks}",
-            'Tasks: start at the pendant, then Enable',
-            BAD,
-            True,
-        )
+    if (tasks := condition.get('tasks')) in NO_PROGRAM:
+        remedy = 'Tasks: start at the pendant, then Enable'
+        return Advice(f"the controller's program is {tasks}", remedy, BAD, True)
     return None
 
 
 def _held(condition: Mapping[str, str]) -> Advice | None:
     """Return why the program of a simulated controller waits, or None if it does not."""
     if condition.get('door', 'closed') != 'closed':
-        return Advice(
-            'the safeguard door is open', 'close the door, then Continue at the pendant', BAD
-        )
+        remedy = 'close the door, then Continue at the pendant'
+        return Advice('the safeguard door is open', remedy, BAD)
     if condition.get('tasks') == 'paused':
         return Advice('the controller is paused', 'Continue at the pendant', WARN)
     return None

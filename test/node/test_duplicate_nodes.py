@@ -13,7 +13,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 from support.ros_peer import PATIENCE
 
-from epson_driver.node.node import Namesakes
+from epson_driver.node.node import DuplicateNodes
 from epson_driver.processes.processes import free_ros_domain
 
 MakeNode = Callable[..., Node]
@@ -46,7 +46,7 @@ def until(condition: Callable[[], bool]) -> None:
 def test_second_node_or_service_of_the_same_name_is_found(make_node: MakeNode) -> None:
     node = make_node('driver', 'left')
     node.create_service(Trigger, '~/enable', lambda request, response: response)
-    find = Namesakes(node)
+    find = DuplicateNodes(node)
     others = [make_node('driver', 'right'), make_node('other', 'left')]
     until(lambda: len(node.get_node_names()) == 3)
     assert find() == ''

@@ -10,10 +10,10 @@ import pytest
 from support.driver_harness import cell, pose
 from support.event_loop import run, until
 
-from epson_driver.driver.goal.planning_scope import (
+from epson_driver.driver.goal.planning_cancellation import (
+    PlanningCancellation,
+    PlanningCancellations,
     PlanningEndedError,
-    PlanningScope,
-    PlanningScopes,
 )
 from epson_driver.sim_controller.condition.states import Event
 
@@ -33,7 +33,7 @@ async def test_ending_a_scope_wakes_its_caller_while_the_thread_still_runs():
             asked.append(str(error))
             raise
 
-    plan = PlanningScope()
+    plan = PlanningCancellation()
     task = asyncio.create_task(plan.in_thread(work))
     await until(started.is_set)
     assert not task.done()
@@ -53,9 +53,9 @@ async def test_active_scope_returns_or_raises_the_result_of_its_thread():
     def fails(_look):
         raise ValueError('out of reach')
 
-    assert await PlanningScope().in_thread(lambda look: look()) is None
+    assert await PlanningCancellation().in_thread(lambda look: look()) is None
     with pytest.raises(ValueError, match='out of reach'):
-        await PlanningScope().in_thread(fails)
+        await PlanningCancellation().in_thread(fails)
 
 
 def test_failure_of_abandoned_planning_is_logged(caplog):
@@ -67,7 +67,7 @@ def test_failure_of_abandoned_planning_is_logged(caplog):
         raise RuntimeError('broken')
 
     async def scenario():
-        task = asyncio.create_task(PlanningScope().in_thread(work))
+        task = asyncio.create_task(PlanningCancellation().in_thread(work))
         await until(started.is_set)
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
@@ -81,8 +81,8 @@ def test_failure_of_abandoned_planning_is_logged(caplog):
 
 
 def test_scopes_end_together_and_are_released():
-    plans = PlanningScopes()
-    first, second = plans.begin(), plans.begin(PlanningScope())
+    plans = PlanningCancellations()
+    first, second = plans.begin(), plans.begin(PlanningCancellation())
     plans.end('stopped')
     assert first.why == second.why == 'stopped'
     del first, second

@@ -1,0 +1,20 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The time of a move besides its motion, in virtual time."""
+
+import pytest
+from support.api_harness import robot_cell
+
+from benchmark.moves import inputs, moves, short_planning
+
+
+@pytest.mark.parametrize(
+    ('profile', 'longest'), [('simulated', 0.09), ('motoman', 0.08), ('remote', 0.1)]
+)
+async def test_move_costs_little_besides_its_motion(profile, longest, monkeypatch):
+    monkeypatch.setattr('benchmark.moves.REPEATS', 4)
+    with short_planning():
+        async with robot_cell(profile=profile, smooth=True) as (robot, controller):
+            times = await moves(robot, controller)
+            assert max(times.values()) < longest, times
+            assert max((await inputs(robot, controller)).values()) < 0.025
