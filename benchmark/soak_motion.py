@@ -47,7 +47,6 @@ like: {controller}
 server: {{client_timeout: {patience}}}
 """
 
-PATIENT_PROGRAM = f'--define=CLIENT_TIMEOUT={PATIENCE_S}'
 MIN_SAMPLES = 8
 PAGE_BYTES = os.sysconf('SC_PAGE_SIZE')
 
@@ -269,7 +268,7 @@ def soak(
     patient.write_text(profile, 'utf-8')
     built_in = controller_profile == 'simulated'  # a SPEL+ program sets both itself
     # a third of a C3's state rate, because this is about duration, not load
-    options = ['--motion=ptp', '--state-period=0.015'] if built_in else [PATIENT_PROGRAM]
+    options = ['--motion=ptp', '--state-period=0.015'] if built_in else []
     controller = processes.sim_controller(
         folder / 'controller.log',
         f'--controller={patient}',

@@ -543,7 +543,7 @@ def _smoothing(how: str, program: ProgramProfile) -> Smoothing:
 
 @cache
 def _program(profile_name: str) -> Program:
-    return build(profile_project(load_controller_profile(profile_name).spel, MODEL))
+    return build(profile_project(load_controller_profile(profile_name), MODEL))
 
 
 class _Errors(logging.Handler):

@@ -89,7 +89,7 @@ def _model() -> RobotModel:
 
 @lru_cache
 def _program(profile_name: str) -> Program:
-    return build(profile_project(load_controller_profile(profile_name).spel, _model()))
+    return build(profile_project(load_controller_profile(profile_name), _model()))
 
 
 class ControllerTarget:

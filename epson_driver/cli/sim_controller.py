@@ -152,7 +152,7 @@ def _program(
     if args.program is not None:
         files = read_project(args.program)
     elif profile.spel.project:
-        files = profile_project(profile.spel, model)
+        files = profile_project(profile, model)
     elif args.define or args.set:
         raise InputError(f'{"--define" if args.define else "--set"}: needs a SPEL+ program')
     else:

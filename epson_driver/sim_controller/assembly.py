@@ -10,7 +10,7 @@ import numpy as np
 
 from epson_driver.inputs import InputError
 from epson_driver.motion import Array
-from epson_driver.profiles.profile import ControllerProfile, SpelProfile
+from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.robots import RobotModel
 from epson_driver.share import share_path
@@ -184,16 +184,21 @@ def _new_executor(controller: Controller, start: Array, planner: Planner | None)
 
 _NAMES = re.compile(r"^'?#define\s+(\w+)\s", re.MULTILINE)
 _MS = 1000.0
+TIMEOUT_DEFINE = 'CLIENT_TIMEOUT'
 
 
-def profile_project(profile: SpelProfile, model: RobotModel) -> dict[str, str]:
+def profile_project(profile: ControllerProfile, model: RobotModel) -> dict[str, str]:
     """Return the files of a profile's SPEL+ project, configured for a robot model.
 
-    The #define lines get the values of `robot_defines` and of the profile's `config`. Raises
-    InputError if a value does not fit the project, and OSError if a file cannot be read.
+    The #define lines get the values of `robot_defines`, the profile's `client_timeout` and its
+    `config`. Raises InputError if a value does not fit the project, and OSError if a file cannot
+    be read.
     """
-    files = read_project(share_path(profile.project))
-    return with_defines(files, {**robot_defines(files, model), **profile.config})
+    files = read_project(share_path(profile.spel.project))
+    defines = robot_defines(files, model)
+    if TIMEOUT_DEFINE in _defined(files):
+        defines[TIMEOUT_DEFINE] = f'{profile.server.client_timeout:g}'
+    return with_defines(files, {**defines, **profile.spel.config})
 
 
 def robot_defines(files: Mapping[str, str], model: RobotModel) -> dict[str, str]:
@@ -204,9 +209,8 @@ def robot_defines(files: Mapping[str, str], model: RobotModel) -> dict[str, str]
     #define line in `files` are omitted. Raises InputError if the project does not support the
     robot's joints.
     """
-    text = '\n'.join(files.values())
     limits, joints, scara = model.limits, len(model.joint_names), 'm' in model.limits.units
-    if f'{joints} {scara}' not in ('6 False', '4 True') and 'JOINT_COUNT' in text:
+    if f'{joints} {scara}' not in ('6 False', '4 True') and 'JOINT_COUNT' in _defined(files):
         text = f'{model.name} has {joints} joints: the project is for six axes, or a SCARA'
         raise InputError(text)
     speeds = abs(limits.velocity * model.shown_per_unit)
@@ -215,5 +219,9 @@ def robot_defines(files: Mapping[str, str], model: RobotModel) -> dict[str, str]
     result['RAMP_MS'] = f'{max(limits.acceleration / limits.jerk) * _MS:.0f}'
     result |= {'JOINT_COUNT': str(joints), 'SCARA': '1' if scara else ''}
     result['ROBOT_MODEL'] = f'"{model.name.upper().replace("_", "-")}"'
-    existing = set(_NAMES.findall(text))
+    existing = _defined(files)
     return {name: value for name, value in result.items() if name in existing}
+
+
+def _defined(files: Mapping[str, str]) -> set[str]:
+    return {name for text in files.values() for name in _NAMES.findall(text)}

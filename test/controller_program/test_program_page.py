@@ -77,7 +77,7 @@ def test_measurement_of_the_page_returns_the_acceleration_times(caplog) -> None:
     harness = SpelProgramHarness(program.read_text(encoding='utf-8'), caplog)
     harness.until(lambda: harness.printed)
     _, quick, _, ramp = harness.printed[0].split()
-    config = profile_project(SPEL_PROFILE.spel, MODEL)['config.inc']
+    config = profile_project(SPEL_PROFILE, MODEL)['config.inc']
     wanted = dict(re.findall(r'(?m)^#define (T100_MS|RAMP_MS) (\d+)', config))
     assert float(quick) == pytest.approx(float(wanted['T100_MS']), abs=2.0)
     assert float(ramp) == pytest.approx(float(wanted['RAMP_MS']), abs=2.0)

@@ -237,7 +237,7 @@ async def simulated(dialect=None, profile='simulated', model=None, *, smooth=Fal
     arm = MODEL if model is None else load_robot_model(model)
     spel = None
     if profile.spel.project:
-        files = profile_project(profile.spel, arm)
+        files = profile_project(profile, arm)
         spel = SpelSource(_built(tuple(files.items())), program_network(profile))
     planner = PlannerOnTheSpot() if smooth else None
     controller = new_controller(arm, profile, start, dialect=dialect, planner=planner, spel=spel)

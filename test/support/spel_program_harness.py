@@ -105,7 +105,7 @@ class OurProgramHarness(SpelProgramHarness):
     """A controller with controller_program/ in the profile `spel`, changed by `defines`."""
 
     def __init__(self, start=None, caplog=None, profile=SPEL_PROFILE, model=MODEL, **defines):
-        files = with_defines(profile_project(profile.spel, model), defines)
+        files = with_defines(profile_project(profile, model), defines)
         key = (model.name, *sorted(defines.items()))
         if key not in _built:
             _built[key] = build(files)

@@ -28,7 +28,6 @@ like: spel
 name: waits
 description: the same with a longer timeout
 server: {{client_timeout: {TIMEOUT}}}
-spel: {{config: {{FULL_POWER: 1, CLIENT_TIMEOUT: {TIMEOUT}}}}}
 """
 
 EQUAL_SAMPLES, BETWEEN_S = 20, 0.02

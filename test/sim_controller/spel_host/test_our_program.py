@@ -5,6 +5,7 @@
 import logging
 import struct
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -174,20 +175,26 @@ def test_shipped_program_moves_at_low_power_and_logs_it(caplog):
 
 
 def test_config_gets_the_speeds_of_the_robot():
-    files = profile_project(PROFILE.spel, load_robot_model('c8_c901s'))
+    files = profile_project(PROFILE, load_robot_model('c8_c901s'))
     assert '#define J1_SPEED 294' in files['config.inc']
     assert '#define FULL_POWER 1' in files['config.inc']
 
 
+def test_program_gets_the_client_timeout_of_the_profile():
+    server = replace(PROFILE.server, client_timeout=2.0)
+    files = profile_project(replace(PROFILE, server=server), MODEL)
+    assert '#define CLIENT_TIMEOUT 2\n' in files['config.inc']
+
+
 def test_robot_with_seven_joints_is_refused(tmp_path):
     with pytest.raises(InputError, match='has 7 joints: the project is for six axes, or a SCARA'):
-        profile_project(PROFILE.spel, arm_model(tmp_path, 7))
+        profile_project(PROFILE, arm_model(tmp_path, 7))
 
 
 def test_scara_moves_and_reports_its_joints():
     """Joint 3 is in metres on the wire, in mm in the program."""
     model = load_robot_model('gx4_c251s')
-    files = profile_project(PROFILE.spel, model)
+    files = profile_project(PROFILE, model)
     assert '#define JOINT_COUNT 4' in files['config.inc']
     harness = OurProgramHarness(start=[0.1, 0.2, -0.05, 0.3], model=model)
     motion, peer = harness.ready()
