@@ -112,10 +112,9 @@ def test_3d_view_follows_the_arm_until_stop(page: Page, cell: Cell) -> None:
     at_rest = page.picture()
     assert len(np.unique(at_rest.reshape(-1, 3), axis=0)) > 100
     assert np.count_nonzero(at_rest.sum(axis=2) < 250) > 200  # the arm's dark parts
-    page.button('Execute').click()
-    cell.peer.wait_for_motion()
-    page.lamp('Motion', 'good')
     start = cell.peer.position()[0]
+    page.button('Execute').click()
+    page.lamp('Motion', 'good')
     page.wait(lambda: abs(cell.peer.position()[0] - start) > 0.05, 'motion')
     changed = np.abs(page.picture() - at_rest).sum(axis=2) > 60
     assert np.count_nonzero(changed) > 200
