@@ -140,7 +140,7 @@ class Streams(Arm):
 
     @contextmanager
     def _received(self) -> Iterator['Servo']:
-        """Yield the servo. A ValueError in the block is reported to it as an invalid setpoint."""
+        """Yield the servo. A ValueError in the block is recorded as an invalid setpoint."""
         servo = self._connection.running.servo
         try:
             yield servo
@@ -164,7 +164,7 @@ class Streams(Arm):
         raise RobotError(f'the setpoint is refused: {why}')
 
     def _commanded(self, servo: 'Servo') -> Array:
-        """Return the joints that the current stream commands, or else the measured, shape (n,)."""
+        """Return the commanded joints of a stream, else the measured joints, shape (n,)."""
         commanded = servo.commanded
         return self._connection.sample().positions if commanded is None else commanded
 

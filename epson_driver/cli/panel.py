@@ -81,7 +81,7 @@ def _check(
 
 
 class _ShownRobot(Robot):
-    """A robot of the panel when it shows the robot of a command line."""
+    """A Robot that opens the panel with the options of the command line."""
 
     async def page(self, options: argparse.Namespace) -> Page:
         from epson_driver.panel.page import show

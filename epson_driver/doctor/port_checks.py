@@ -31,7 +31,7 @@ async def report_no_state(
     motion: tuple[str, int],
     findings: Findings,
 ) -> bool:
-    """Return whether a port is not a state port. If so, report its actual service.
+    """Report why a port sends no robot state, and return True. Return False if it sends one.
 
     `listened`: duration of listening, s. `motion`: host and port of the motion port.
     """

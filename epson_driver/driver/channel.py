@@ -61,7 +61,7 @@ def make_channel(
     on_link: OnLink,
     before_motion_link: Callable[[], Awaitable[object]],
 ) -> Channel:
-    """Return the links to the configured controller, and the objects that use them."""
+    """Return the links to a controller, its motors, its I/O, and the delivery of points."""
     host, ports = configuration.host, (configuration.io_port, configuration.remote_port)
     turns = RemoteTurns()
     login: Login | None = None

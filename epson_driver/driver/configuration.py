@@ -69,7 +69,7 @@ class Configuration:
 
     @property
     def knows_byte_order(self) -> bool:
-        """Whether the byte order is configured, or not needed for the protocol."""
+        """Whether the byte order is configured, or the protocol does not depend on it."""
         return self.statements or self.real_time or self.byte_order is not None
 
     @property

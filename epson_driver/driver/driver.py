@@ -223,10 +223,10 @@ class Driver:
             self.motion_link.reconnect('no reply to STOP')
 
     def disable(self, why: str, *, motors_off: bool = False, unexplained: bool = False) -> None:
-        """Close the arm gate, and end all motion except the running goal.
+        """Close the arm gate, and end the stream and the goals that are being planned.
 
-        This ends the stream and the goals that are being planned. `unexplained`: the log entry
-        waits for the status that contains the cause.
+        The running goal continues. `unexplained`: the log entry waits for the status that contains
+        the cause.
         """
         was_open = self.gate.close(why, motors_off=motors_off, unexplained=unexplained)
         if was_open and unexplained:
@@ -334,7 +334,7 @@ class Driver:
     ) -> None:
         """Log a condition that prevents enabling the arm, and the end of the condition.
 
-        `quiet`: `fault` does not log the condition, so this function must.
+        `quiet`: the arm was already disabled, so no other log line has reported the condition.
         """
         result, known = seen_inhibit(status, self.robot.errors), self._condition
         if result is not None and result.cause is Cause.NOT_POSSIBLE and known is None:
@@ -378,7 +378,7 @@ class Driver:
             self.servo.withdraw()
 
     def _on_link(self, name: str, state: LinkState, why: str) -> None:
-        """Handle a new state of a link. `name`: state, motion, or remote if one link is both."""
+        """Handle a new state of a link. `name`: state, motion, or remote (both roles)."""
         if name != 'motion' and state is not LinkState.CONNECTED:
             self.robot.clear()
             self.heartbeat.reset()

@@ -18,7 +18,7 @@ from epson_driver.simple_message import Mode, Status, TriState
 
 
 class Purpose(Flag):
-    """An action. Before it, the driver checks whether anything inhibits this action.
+    """An action that may be inhibited. The driver checks the inhibits before each action.
 
     * REPORT: report why the arm does not move. COMMAND: send a command to the controller.
     * ENABLE: start to enable the arm. OPEN: open the arm gate.
@@ -47,7 +47,7 @@ class Purpose(Flag):
 
 
 class Cause(Enum):
-    """The cause of an inhibit. NO_STREAMS and all later causes only inhibit goals or streams."""
+    """The cause of an inhibit. InhibitTable.ROWS defines the actions that each cause inhibits."""
 
     NO_STATE_LINK = auto()
     NO_JOINTS = auto()

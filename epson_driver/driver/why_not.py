@@ -103,7 +103,7 @@ class InhibitTable:
         return Inhibit(Cause.STOP_FAILED, Remedy.KEEP_AWAY, text)
 
     def _condition(self, _now: float) -> Inhibit | None:
-        """Return the condition of the controller, or of ROS, that prevents enabling the arm."""
+        """Return the second driver, or the condition of the controller, that prevents enabling."""
         if self.second is not None:
             return self.second
         status, errors = self._status, self.robot.errors

@@ -46,7 +46,7 @@ class ReceiveTimeout:
         return self._slice_start + self.slice - now
 
     def end_slice(self, now: float) -> bool:
-        """Count an expired slice, and start the next slice. Return whether the timeout is over."""
+        """Count an expired slice of the timeout. Return whether the whole timeout has expired."""
         self._silent_slices += 1
         self._slice_start = now
         return self._silent_slices >= SLICES
@@ -72,7 +72,7 @@ Address = tuple[str, int]  # IP address (version 4 or 6) and port
 
 
 class WireEvent(StrEnum):
-    """One step of a connection, from the client's side."""
+    """An event of a connection that a trace records, from the client's side."""
 
     OPENED = 'opened'
     SENT = 'sent'
@@ -108,7 +108,7 @@ class AnyFramer(Protocol):
 
 @dataclass(frozen=True)
 class Receivers:
-    """Callbacks of a connection. If one raises, the connection ends, and `ended` raises this."""
+    """Callbacks of a connection. If one raises an exception, the connection ends with it."""
 
     data: Callable[[bytes], None]  # called with the bytes of each read, before parsing
     packet: Callable[[Any], None]  # called with each valid packet

@@ -204,7 +204,7 @@ class Link:
         self._write(self._connection, data)
 
     def follow(self, dialect: Dialect) -> None:
-        """Use the dialect of the state port. Reconnect if one side has misread data in another."""
+        """Use the dialect of the state port. Reconnect if data was sent or received in another."""
         self.dialect = dialect
         if self._connection is None:
             return

@@ -121,7 +121,7 @@ class _Request:
 class RemoteLink(Link):
     """A Link to the Remote Ethernet port, which passes the polled state to `on_packet`.
 
-    It is lost if no reply to a state request arrives for `timeout` s, even if others arrive.
+    It is lost if no reply to a state request arrives for `timeout` s, even if other replies do.
     """
 
     def __init__(

@@ -108,7 +108,7 @@ class RtmcLink(Link):
         return self._motion.active
 
     def move(self, point: JointTrajPt, on_reply: OnReply) -> None:
-        """Move to a point after the earlier ones. The reply follows when it is accepted."""
+        """Move to a point after all earlier points. `on_reply` is called when it is accepted."""
         self._check_connected()
         if self.closing:
             raise ConnectionError(f'the {self.name} link is being closed')
@@ -120,13 +120,13 @@ class RtmcLink(Link):
             self._motion.follow(stream)
 
     def stop(self, on_reply: OnReply) -> None:
-        """Discard all points, and brake. The reply follows."""
+        """Discard all points, and brake. `on_reply` is called soon after."""
         self._check_connected()
         self._motion.stop()
         self._confirm(on_reply)
 
     def accept(self, on_reply: OnReply) -> None:
-        """Accept a point of a stream, whose motion is followed already. The reply follows."""
+        """Acknowledge a setpoint of a stream, whose motion the tracker already sends."""
         self._check_connected()
         self._confirm(on_reply)
 
@@ -210,7 +210,7 @@ class RtmcLink(Link):
         return established
 
     async def _discover(self, session: RtmcSession) -> asyncio.Future[RtmcMessage] | None:
-        """Wait for the discovery of the controller, and connect. Return the future reply."""
+        """Request a session with a discovered controller. Return the pending reply, or None."""
         hello = RtmcMessage(Request.CONNECT, 1, 0, self._password.encode() or b'\0')
         answer: asyncio.Future[RtmcMessage] = asyncio.get_running_loop().create_future()
         with contextlib.suppress(TimeoutError):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motions of an RC800 with Real-time Motion Control, from points to targets.
 
-Points and STOP are not sent as such. This side smooths the points, and the transport's thread
+Points and STOP are not sent as such. The driver smooths the points, and the transport's thread
 sends one target per control cycle (`Feeder`). A point is acknowledged once the smoother has
 accepted it, and STOP once its targets have replaced those of the motion.
 """
@@ -52,8 +52,8 @@ class Peer(Protocol):
 
     * session: the current one, or None.
     * joints, joints_at: joints of the last reply, and its time, s.
-    * closing: whether no further motion may begin.
-    * gone: whether the controller cannot be reached, so that it is no use to brake.
+    * closing: whether no further motion may start.
+    * gone: whether the controller cannot be reached, so that braking is impossible.
     """
 
     session: RtmcSession | None
@@ -106,12 +106,12 @@ class RtmcMotion:
         return self._task is not None
 
     def move(self, point: JointTrajPt, on_reply: OnReply) -> None:
-        """Move to a point after the earlier ones. The reply follows when it is accepted."""
+        """Move to a point after all earlier points. `on_reply` is called when it is accepted."""
         self._points.append((point, on_reply))
         self._start()
 
     def follow(self, stream: StreamFeeder) -> None:
-        """Begin to follow a stream. Until then, its commands have no effect."""
+        """Start to follow a stream. Its commands have no effect before the motion has begun."""
         self._stream = stream
         self._start()
 
@@ -121,7 +121,7 @@ class RtmcMotion:
             self._task.add_done_callback(self._done)
 
     def stop(self) -> None:
-        """Discard all points, and brake. A motion that is about to begin does not move the arm."""
+        """Discard all points, and brake. If a motion is about to start, the arm does not move."""
         self._stops += 1
         self._stream = None
         self._points.clear()
@@ -153,7 +153,7 @@ class RtmcMotion:
         self._points.clear()
 
     def on_problem(self, why: str) -> None:
-        """React to a motion that the controller does not execute further."""
+        """End the motion, because the controller executes no further targets. Log the reason."""
         self._problem = why
         _log.error('real-time motion: %s', why)
 
@@ -209,7 +209,7 @@ class RtmcMotion:
 
     @property
     def _goes_on(self) -> bool:
-        """Whether the controller executes targets."""
+        """Whether the controller still executes the targets of this motion."""
         return not (self._problem or self._peer.gone)
 
     async def _enable(self) -> Array:
@@ -289,7 +289,7 @@ class RtmcMotion:
         self.acknowledge(point.sequence, on_reply, code)
 
     def _refuse_points(self) -> None:
-        """Report a motion that was not executed."""
+        """Reject all points of a motion that failed. If none is left, publish a failure."""
         points = list(self._points)
         self._points.clear()
         for point, on_reply in points:

@@ -27,11 +27,10 @@ def plan_share(trajectory: Trajectory, start: Array, limits: JointLimits) -> tup
     `start`: position of the resting arm, shape (n,). The plan starts there if its first point has
     a time > 0.
 
-    A fraction is the largest one of all joints. It covers the plan's own velocities or
-    accelerations, and the divided differences of its positions. No motion through the points at
-    their times needs less than these differences. Between sparse points, the higher values of
-    cubics are used instead. A point is ignored if its time is not after the previous point's time.
-    A plan without times has the fractions 1 and 1.
+    The highest joint counts. The values are those of the plan, and those that any motion needs to
+    reach the points at their times (divided differences). Between points more than SPARSE_S apart,
+    the higher values of a cubic count instead. Points that are not later than all previous points
+    are ignored. A plan without times has the fractions 1 and 1.
     """
     times = trajectory.times
     later = times > np.maximum.accumulate(np.append(0.0, times[:-1]))

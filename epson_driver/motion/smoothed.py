@@ -345,6 +345,6 @@ def _own_points(trajectory: Trajectory, motion: Trajectory) -> tuple[Array, Arra
 
 
 def _at(times: Array, sampled: Array, values: Array | None) -> Array:
-    """Return `values` at the times `sampled`, interpolated linearly at `times`, shape (m, n)."""
+    """Return `values`, given at the times `sampled`, interpolated linearly at `times`, (m, n)."""
     assert values is not None  # noqa: S101 - for the type checker
     return np.stack([np.interp(times, sampled, column) for column in values.T], axis=1)

@@ -84,11 +84,10 @@ def undeclared(node: Node) -> Iterator[str]:
 
 
 def _overrides(node: Node) -> dict[str, Parameter] | None:
-    """Return the given parameters, or None if this rclpy has no such private attribute.
+    """Return the parameters given at the start by name, or None if rclpy does not store them.
 
-    The option automatically_declare_parameters_from_overrides would provide a public list, but it
-    fails for an empty array, with an error that does not name the parameter, before `declare` can
-    report it.
+    The attribute is private. The option automatically_declare_parameters_from_overrides would make
+    them public, but it fails for an empty array before `declare` can report the parameter's name.
     """
     return getattr(node, '_parameter_overrides', None)
 

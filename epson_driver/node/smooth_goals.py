@@ -178,7 +178,7 @@ class ForwardedGoal:
     """A goal from ROS that is forwarded to the downstream driver.
 
     * start: earliest start time on the loop's clock, s, or 0 to start immediately.
-    * planned: the plan with its own times, as in Goal.
+    * planned: the received plan, if `trajectory` has other times, as in Goal.
     * why: the outcome if the goal has been abandoned, else None.
     """
 

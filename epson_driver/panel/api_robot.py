@@ -51,7 +51,7 @@ _package = logging.getLogger('epson_driver')
 
 
 class EventLog(logging.Handler):
-    """Adds the log lines of one thread to the page."""
+    """Log handler that adds the package's log lines of one thread to the page."""
 
     def __init__(self, state: RobotState, thread: int | None) -> None:
         super().__init__(logging.INFO)
@@ -75,7 +75,7 @@ class ApiGoal:
 
 
 class ApiRobot:
-    """A connected Robot, as the Robot and the Robots of a panel.
+    """The single robot of a panel: the driver of a connected Robot.
 
     The driver is used in the event loop of the connection, in the thread with the number `thread`.
     `sample` only asks the loop to read the driver's state. While the loop hangs, the state

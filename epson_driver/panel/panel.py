@@ -128,7 +128,7 @@ class Panel:
     def received(self, window: Window, message: str | bytes) -> None:
         """Execute a request of a window.
 
-        Raises BadMessageError if the panel's page never sends it.
+        Raises BadMessageError if the panel's page never sends such a message.
         """
         request = message_of(message)
         name = request['do']

@@ -78,7 +78,7 @@ class RobotControl:
 
     @property
     def simulated(self) -> bool:
-        """Whether the controller at `_address` has recently reported a simulation."""
+        """Whether the driver's controller has recently reported that it is simulated."""
         state = self.robot.state
         known = self._pendant_at == self._address and state.simulation is not None
         return known and state.fresh('simulation', self._clock())

@@ -162,7 +162,7 @@ class Goal(Protocol):
 
 
 class Robot(Protocol):
-    """A driver. Requests do not block, and are executed in the order in which they were made.
+    """A driver, as the panel uses it. Requests do not block, and are executed in order.
 
     They raise RequestError if the driver does not offer the service. Otherwise they call `say`
     with the outcome. `jog` and `cancel_goals` raise nothing.

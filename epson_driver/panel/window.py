@@ -102,7 +102,7 @@ class Window:
         return offset - self._smallest_offset > MAX_LATE_S
 
     def after_silence(self, do: Callable[[], object]) -> None:
-        """Call `do` in the event loop when this method has not been called for HELD_S."""
+        """Call `do` after HELD_S in the event loop, unless this method is called again before."""
         if self._silence is not None:
             self._silence.cancel()
         self._silence = self._loop.call_later(HELD_S, do)

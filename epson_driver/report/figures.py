@@ -30,11 +30,10 @@ CHUNK = 20_000  # number of samples fitted together, which bounds the memory
 def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Array, Array]:
     """Return velocities and accelerations from estimated sending times, shape (k, m) each.
 
-    `sent`, `came`: sending and arrival times, s, shape (k,). A controller sends periodically, so
-    joint states that arrive in a burst were delayed in transit. Around a very late joint state,
-    the sending times are uncertain. Velocities there are compared with a fit to the arrivals of
-    MAX_NEIGHBOURS samples on either side. If a velocity deviates strongly, the fit replaces it and
-    its acceleration.
+    `sent`, `came`: sending and arrival times, s, shape (k,). After a very late joint state, it is
+    unknown which of its neighbours were delayed in transit, so the sending times are uncertain.
+    Velocities there are compared with a fit to the arrivals of MAX_NEIGHBOURS samples on either
+    side. If a velocity deviates strongly, the fit replaces it and its acceleration.
     """
     if len(came) < 2 * MIN_NEIGHBOURS + 1:
         return derivatives(sent, positions)

@@ -313,7 +313,7 @@ class _Plans:
         self._points: list[tuple[float, ...]] = []
 
     def take(self, time: float, point: JointTrajPt | JointTrajPtFull) -> bool:
-        """Add a point, and return whether it is the first of a new plan."""
+        """Add a point, unless it repeats one. Return whether it is the first of a new plan."""
         starts_stream = point.sequence == SpecialSequence.START_TRAJECTORY_STREAMING
         sequence = 0 if starts_stream else point.sequence
         if sequence < 0 or (sequence == self._last and sequence):
@@ -339,10 +339,7 @@ class _Plans:
         return first
 
     def _same(self, point: JointTrajPt | JointTrajPtFull) -> bool:
-        """Return whether a point is the first point again.
-
-        The driver repeats this point if the controller was busy.
-        """
+        """Return whether a point repeats the first point, because the controller was busy."""
         positions = point.positions if isinstance(point, JointTrajPtFull) else point.joints
         return isinstance(point, JointTrajPtFull) and positions[: self._joints] == self._points[0]
 

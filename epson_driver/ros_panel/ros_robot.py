@@ -145,7 +145,7 @@ class Goal:
 
 
 class RosRobot:
-    """A driver. `sample` runs in one thread.
+    """A driver, as the panel uses it through ROS. Only one thread may call `sample`.
 
     Requests are thread-safe and do not block. They raise NoDriverError if the driver does not
     offer the service or action, and call `say` with the outcome.

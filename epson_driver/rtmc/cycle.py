@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The control cycle of a controller, measured by the times of its answers.
+"""The control cycle of a controller, measured from the times of its replies.
 
-A controller with a full buffer answers a target when it takes one, so once per cycle. Otherwise it
-answers at once, and the answers show the pace of this side. A cycle that is shorter than assumed
-would move the arm faster than planned.
+A controller with a full buffer replies to a target when it takes one, so once per cycle. Otherwise
+it replies immediately, so the replies show the rate of the driver. A cycle that is shorter than
+assumed would move the arm faster than planned.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ PACE_SHARE, PACE_TARGETS = 1.05, 10
 
 
 class CycleMeter:
-    """The cycle of one controller. `expected`: its cycle, s, until it is measured."""
+    """Measures the cycle of one controller. `expected`: cycle to assume before that, s."""
 
     def __init__(self, expected: float) -> None:
         self.cycle = expected
@@ -35,14 +35,15 @@ class CycleMeter:
         self.restart()
 
     def restart(self) -> None:
-        """Prepare for the answers of the next motion, which starts with an empty buffer."""
+        """Prepare for the replies of the next motion, which starts with an empty buffer."""
         self._filling, self._count = MAX_FILLING, 0
         self._times.clear()
 
     def add(self, time: float, *, full: bool) -> None:
-        """Add an answer. `full`: whether it was held back by a full buffer.
+        """Add a reply. `full`: whether the buffer was full, so that the reply shows the cycle.
 
-        Raises ValueError if the cycle is not usable, or shorter than measured before.
+        Raises ValueError if the measured cycle is unusable, or the actual one shorter than
+        `cycle`.
         """
         if not (full or self.ready):
             self._filling -= 1
@@ -71,7 +72,10 @@ class CycleMeter:
         return bool(self._times) and (self._measured or len(self._times) == SAMPLES)
 
     def _measure(self) -> None:
-        """Measure the cycle. If the answers are too irregular, the expected one remains."""
+        """Measure the cycle. The expected cycle remains if the replies are too irregular.
+
+        It also remains if the buffer never became full, unless the measured cycle is shorter.
+        """
         times, half = np.array(self._times), SAMPLES // 2
         slopes = np.sort(times[half:] - times[:-half]) / half
         low, cycle, high = slopes[[len(slopes) // 5, len(slopes) // 2, -len(slopes) // 5]].tolist()

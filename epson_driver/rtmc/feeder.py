@@ -34,13 +34,13 @@ more, the stop is planned again, with twice this number."""
 class Ring(Protocol):
     @property
     def taken(self) -> int:
-        """Number of targets that are taken. The last one is repeated, which is not counted."""
+        """Number of targets that the thread has sent. Repetitions of the last one do not count."""
 
     def replace(self, first: int, targets: Array, planned: int) -> bool:
         """Replace the targets from index `first` on. `targets`: shape (m, n), rad or m.
 
-        Those after the first `planned` ones brake to rest. Return False, and change nothing, if
-        the target `first`, or one that brakes, has been taken.
+        The targets after the first `planned` ones brake to rest. Return False, and change nothing,
+        if the target `first`, or a braking target, has been sent.
         """
 
 
@@ -67,7 +67,7 @@ class Feeder:
         return room and not (self.stopped or self.failed)
 
     def append(self, position: Array, duration: float | None, *, starts: bool) -> None:
-        """Append a point. `starts`: it is the first one of a trajectory.
+        """Append a point. `starts`: whether it is the first point of a trajectory.
 
         Raises ValueError if the point is invalid or outside the position limits.
         """
@@ -76,7 +76,7 @@ class Feeder:
         self._smoother.append(position, duration)
 
     def fill(self) -> None:
-        """Sample the motion into the ring. A violation of a limit or a failed plan stops it."""
+        """Sample the motion into the ring. If the driver is too late for this, stop the motion."""
         smoother, cycle, taken = self._smoother, self._cycle, self._ring.taken
         ahead = self._planned - taken
         if self.stopped or not smoother.moving or ahead * cycle >= MIN_AHEAD_S:
@@ -102,13 +102,13 @@ class Feeder:
 
     @property
     def at_rest(self) -> bool:
-        """Whether all targets of the motion are taken."""
+        """Whether the motion is over, and all of its targets have been sent."""
         planned = self._smoother.moving and not self.stopped
         return not planned and self._ring.taken >= self._end
 
     @property
     def braking_time(self) -> float:
-        """Duration of the targets that are not taken yet, s."""
+        """Duration of the targets that have not been sent yet, s."""
         return max(self._end - self._ring.taken, 0) * self._cycle
 
     def stop(self, why: str = '') -> None:
@@ -123,7 +123,7 @@ class Feeder:
             lead *= 2
 
     def _replace(self, first: int, positions: list[Array], last: Motion) -> bool:
-        """Replace the targets from `first` on, and append a stop that begins at `last`."""
+        """Replace the targets from `first` on by `positions` and a stop from the state `last`."""
         stop = fastest_stop(self._limits, last)
         count = int(np.ceil(stop.duration / self._cycle))
         times: Array = self._cycle * np.arange(1.0, count + 1.0)

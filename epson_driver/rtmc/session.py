@@ -59,9 +59,9 @@ class RtmcSession:
         self._moved = False
 
     def request(self, message: RtmcMessage, on_reply: OnReply) -> bool:
-        """Send a request after the replies to the earlier ones.
+        """Send a request after the replies to all earlier requests.
 
-        Return False without a connected controller. Raises TransportError.
+        Returns False if no controller is connected. Raises TransportError.
         """
         sent = self._transport.request(message.encode())
         if sent:
@@ -90,7 +90,7 @@ class RtmcSession:
         on_reply(message)
 
     def positions(self, values: 'tuple[float, ...] | list[float]') -> tuple[float, ...]:
-        """Return the robot's joints of a message, rad or m."""
+        """Convert the joint values of a message to the robot's joint positions, rad or m."""
         positions = np.array(values[: len(self._scales)]) / self._scales
         return tuple(positions.tolist())
 
@@ -102,7 +102,7 @@ class RtmcSession:
         self._transport.start(self._targets(position[None, :]))
 
     def end(self) -> None:
-        """Send no more targets."""
+        """Stop sending targets."""
         self._transport.end()
 
     @property

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The targets of an arm that follows a stream of setpoints.
 
-Each command of the stream replaces the targets that are not taken yet by a motion that ends at
+Each command of the stream replaces the targets that have not been sent. The new targets end at
 rest, so the arm stops by itself if no further command arrives.
 """
 
@@ -23,7 +23,7 @@ LEAD_S = 0.054
 
 
 class StreamFeeder(SetpointTracker):
-    """A tracker whose motion is sent to a ring of targets between `begin` and `end`.
+    """A tracker whose motion is sent as targets through a ring, between `begin` and `end`.
 
     `wants_motion(feeder)` is called when a command would move the arm before `begin`. After
     `stop`, all commands are ignored.
@@ -45,13 +45,13 @@ class StreamFeeder(SetpointTracker):
         super().__init__(limits, position)
 
     def begin(self, position: Array, cycle: float, ring: Ring) -> None:
-        """Start at rest at `position`, with one target each `cycle` s and an empty ring."""
+        """Start at rest at `position`, with an empty `ring` and one target each `cycle` s."""
         self._cycle, self._ring = cycle, ring
         self._first = self._now = self._end = 0
         super().__init__(self.limits, self.limits.settled(position))
 
     def end(self) -> None:
-        """Send no more targets."""
+        """Stop writing targets."""
         self._ring = None
         super().__init__(self.limits, self.motion.end)
 
@@ -73,10 +73,10 @@ class StreamFeeder(SetpointTracker):
         return self.remaining
 
     def fill(self) -> None:
-        """Do nothing: each command fills the ring."""
+        """Do nothing, because each command writes its targets."""
 
     def step(self, dt: float) -> State:
-        """Return the state. Only the controller advances time."""
+        """Return the state at the next target that can be replaced. `dt` has no effect."""
         self._look(STOP_TARGETS)
         return self.state
 
@@ -100,7 +100,7 @@ class StreamFeeder(SetpointTracker):
             self._now = max(min(self._ring.taken + lead, self._end), self._first)
 
     def _command(self, act: Callable[[], None]) -> None:
-        """Change the motion from the next target on that the ring can still replace."""
+        """Change the motion with `act`, from the next target on that the ring can replace."""
         if self.stopped:
             return
         before, lead = (self.motion, self._first, self._final), STOP_TARGETS

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The transport of Real-time Motion Control: a Fast DDS participant of interfaces/epson_rtmc.
 
-A thread of that library receives the messages, and in a motion it sends the targets.
+A thread of this library receives all messages. During a motion it also sends the targets.
 """
 
 import asyncio
@@ -41,7 +41,7 @@ class TransportError(Exception):
 
 
 class Arrival(NamedTuple):
-    """A message of a peer, and the time of its arrival, s.
+    """A message of a peer, and its time of arrival, s.
 
     `data` is None if the peer has left, or has been silent for the lease of 1 s.
     """
@@ -136,11 +136,11 @@ class Transport:
     # The client's exchange with a controller.
 
     def request(self, data: bytes) -> bool:
-        """Send a message after the replies to the earlier ones. Otherwise as `write`."""
+        """Send a request after the replies to all earlier ones. Returns as `write` does."""
         return bool(self._call('request', data, len(data)))
 
     def start(self, target: Array) -> None:
-        """Answer each reply with a target, at first with this one.
+        """Start to send targets, one after each reply: first this one, until others are given.
 
         target: joints in the units of a message, shape (JOINTS,). Requests precede targets.
         """
@@ -151,7 +151,7 @@ class Transport:
         return bool(self._call('replace', first, targets.ctypes.data, len(targets), planned))
 
     def end(self) -> None:
-        """Send no more targets."""
+        """Stop sending targets."""
         self._call('end')
 
     @property
@@ -164,7 +164,7 @@ class Transport:
     def listen(
         self, on_arrival: Callable[[Arrival], None], on_failure: Callable[[Exception], None]
     ) -> None:
-        """Call a function in the event loop with each message, and with the loss of a peer."""
+        """Call `on_arrival` in the event loop for each message, and for the loss of a peer."""
 
         def arrived() -> None:
             try:
@@ -208,7 +208,7 @@ class Transport:
             self._library.epson_rtmc_close(handle)
 
     async def aclose(self) -> None:
-        """Do the same without blocking the event loop."""
+        """Close the transport like `close`, but without blocking the event loop."""
         if (handle := self._released()) is not None:
             await asyncio.shield(asyncio.to_thread(self._library.epson_rtmc_close, handle))
 
@@ -229,7 +229,7 @@ Connect = Callable[[str, int], Awaitable[Transport]]
 
 
 async def connect(host: str, port: int) -> Transport:
-    """Return a client's side for a controller. Raises TransportError."""
+    """Open the client's side of the transport to a controller. Raises TransportError."""
     opening = asyncio.create_task(asyncio.to_thread(_opened, host, port))
     try:
         return await asyncio.shield(opening)

@@ -258,7 +258,7 @@ class PingLayout(FixedLayout):
     """
 
     def reader(self, size: int, byte_order: ByteOrder) -> BodyReader:
-        """Return the reader of ten words or, for another size, a reader that ignores the body."""
+        """Return a reader of ten words. Other numbers of words are ignored."""
         known = size % 4 or size == 40
         return super().reader(size if known else 0, byte_order)
 

@@ -401,7 +401,7 @@ class Expressions:
         return self._function(name, (), expression.at)
 
     def point_number(self, name: str) -> str | None:
-        """Return the Python text of the number of a point that is named, or None.
+        """Return the Python text of a point's number, or None if `name` is no point.
 
         The name is P1, a label, or `Pi`, which means `P(i)`.
         """

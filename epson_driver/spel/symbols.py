@@ -172,9 +172,9 @@ def _uses(tokens: list[_Token]) -> Iterator[tuple[str, str, int, str, bool]]:
 
 
 def _left(signs: list[str], place: int) -> str:
-    """Return the operand that ends at the index `place` of a line.
+    """Return the name in an operand whose last token is `place`.
 
-    It is the name before any brackets, axes and flags.
+    Brackets, axes and flags after the name are skipped.
     """
     depth = 0
     while place > 0:

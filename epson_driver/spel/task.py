@@ -580,7 +580,7 @@ class Task:
         self.wait_for(completion)
 
     def stored(self, name: str) -> Callable[[], bool]:
-        """Return the condition stored by Till, Find or Sense, or Sw(0) (SPEL+ manual p829)."""
+        """Return the condition that Till, Find or Sense stored, by default Sw(0) (manual p829)."""
         test = self.world.conditions.get(name)
         if test is None:
             host = self.world.host

@@ -95,7 +95,7 @@ class Splitter:
         yield from self.rest()
 
     def rest(self) -> Iterator[tuple[bytes, None]]:
-        """Yield the bytes of an incomplete frame with None, if any."""
+        """Yield the bytes that remain after the last frame, if any, with None."""
         if self._bytes:
             yield self._taken(len(self._bytes)), None
 

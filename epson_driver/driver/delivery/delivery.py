@@ -130,7 +130,7 @@ class Delivery(ABC):
         raise GoalRejectedError(ErrorCode.INVALID_GOAL, self.no_streams)
 
     def tracker(self, limits: JointLimits, start: Array) -> SetpointTracker:
-        """Return the motion of an arm that follows a stream, from rest at `start`."""
+        """Return a tracker that follows a stream of setpoints, from rest at `start`."""
         return SetpointTracker(limits, start)
 
     @abstractmethod

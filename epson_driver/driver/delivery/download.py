@@ -60,7 +60,7 @@ class Download(Delivery):
         )
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a point or STOP. After a point, `on_reply` is called when the next may follow."""
+        """Send a point or STOP. For a point, `on_reply` is called when the next may be sent."""
         if message == STOP:
             self._link.post(message, on_reply)
             return

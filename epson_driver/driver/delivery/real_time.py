@@ -1,8 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions for an RC800 with Real-time Motion Control, which this side smooths and samples.
+"""Motions for an RC800 with Real-time Motion Control. The driver smooths and samples them.
 
-The points of a stream are not sent. The tracker of the stream writes the targets (StreamFeeder).
+The setpoints of a stream are not sent as messages. The tracker of the stream (StreamFeeder) writes
+the targets.
 """
 
 from dataclasses import replace

@@ -87,8 +87,8 @@ def last_point(trajectory: Trajectory) -> Trajectory:
 class StatementDelivery(Delivery):
     """Motions as SPEL+ statements. A trajectory becomes one `Go` or `Move` to its last point.
 
-    Only the rules `power` and `slowest` are used. A target is an array of joint positions in the
-    ROS convention, shape (n,), rad or m, so it also determines the arm's posture.
+    Of the DeliveryRules, only `power` and `slowest` are used. A target is an array of joint
+    positions in the ROS convention, shape (n,), rad or m, so it also determines the arm's posture.
     """
 
     no_plans = NO_TIMES
@@ -108,7 +108,8 @@ class StatementDelivery(Delivery):
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return one joint move to the last point, or one line if tool 0 moves on a line.
 
-        It takes at least as long as the plan.
+        The speed of a joint move is the plan's mean speed, rounded to at least 1 % (SPEL+
+        `Speed`).
         """
         whole = np.vstack([start, trajectory.positions])
         target, duration = whole[-1], max(trajectory.duration, 1e-3)
@@ -140,7 +141,7 @@ class StatementDelivery(Delivery):
             self._remote.abort(on_answer)
 
     def joints(self, target: Array, speed: float, acceleration: float) -> str:
-        """Return the statements of a joint move. `speed`, `acceleration`: fractions of maxima."""
+        """Return the statements of a joint move. `speed`, `acceleration`: of the maximum."""
         percent, ramp = _percent(speed), _percent(acceleration)
         text = f'Speed {percent}; Accel {ramp}, {ramp}; Go {self._point(target)}'
         return f'{self._settings}; {text}'

@@ -53,13 +53,13 @@ class Tolerances:
 class Goal:
     """A trajectory in the controller's joint order, with its tolerances.
 
-    * `goal_velocity`: velocity below which each joint counts as stopped, shape (n,), rad/s. It is
-      used if it is below `GoalSettings.stopped_velocity`.
+    * `goal_velocity`: velocity below which each joint counts as stopped, shape (n,), rad/s. The
+      lower value of this and `GoalSettings.stopped_velocity` applies.
     * `may_end_moving`: whether the last point may have a velocity. The arm comes to rest there in
       any case.
     * `message`: SPEL+ statements that execute the whole goal by Remote Ethernet, or None.
-    * `planned`: the plan with its own times. A time-optimal motion must not exceed the plan's
-      velocity and acceleration. None: only the joint limits apply.
+    * `planned`: the received plan, if `trajectory` has other times. The smoothed motion does not
+      exceed its velocity and acceleration. None: only the joint limits apply.
 
     The goal queue checks every goal before sending any part of it.
     """
@@ -165,7 +165,7 @@ def check_start(
 
 
 def untimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
-    """Return a trajectory with the same positions and provisional times.
+    """Return a trajectory with the same positions, and new times within the velocity limits.
 
     The first time is unchanged: 0 s means that the first point is the arm's position.
     """
@@ -223,9 +223,9 @@ class Arrival:
 
     @cached_property  # stored, because the calculation reads every point
     def _min_excursion(self) -> float:
-        """Minimum distance from the goal, rad, at which the arm must have been.
+        """Distance from the goal, rad, that the arm must have had before an arrival counts.
 
-        It is needed because a path may end where it starts.
+        Otherwise a path that ends where it starts would be complete before the arm has moved.
         """
         positions = self._goal.trajectory.positions
         last, tolerance = positions[-1], self._goal.goal_tolerance

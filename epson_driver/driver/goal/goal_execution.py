@@ -170,7 +170,7 @@ class GoalExecution:
 
     @cached_property
     def _arrival(self) -> Arrival:
-        """The check whether the goal is reached. It is created when the trajectory is final."""
+        """Check of whether the arm is at the goal. Created late, when the trajectory is final."""
         return Arrival(self.goal)
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
@@ -315,8 +315,8 @@ class GoalExecution:
     def _check_cause(self, robot: RobotState, gap: float) -> None:
         """End a rejected goal with the cause from the first STATUS after the rejection.
 
-        A check counts at most half the timeout, so that a STATUS that arrived while this process
-        was not scheduled is read before the timeout expires.
+        `gap`: time since the last call, s. A longer gap than half the timeout counts as half, so
+        that a STATUS that arrived while this process was not scheduled is read before the timeout.
         """
         status = robot.status
         report = status is not None and robot.status_time > self._rejected_at
@@ -386,9 +386,10 @@ class GoalExecution:
         return stopped
 
     def _rest_time(self, *, reported: bool) -> float:
-        """Return the standstill after which the arm counts as at rest at the goal, s.
+        """Return how long the arm must have been at rest at the goal, s.
 
-        If the arm was seen to arrive, a report of rest that belongs to this standstill suffices.
+        The report of the controller is enough if it replied that the motion is over, or if the arm
+        was measured away from the goal and the report belongs to this standstill.
         """
         if not reported:
             return UNREPORTED_REST_TIME_S

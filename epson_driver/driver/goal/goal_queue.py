@@ -77,7 +77,7 @@ class GoalHandle:
 
 
 class GoalQueue:
-    """Executes one goal at a time. `start_tolerance` (rad) and `settings` may be changed.
+    """Executes one goal at a time. `start_tolerance`, rad, and `settings` may change at any time.
 
     `on_broken_off(outcome, unanswered)` is called if the arm must be enabled again after a goal.
     """
@@ -192,10 +192,7 @@ class GoalQueue:
             self._submit(handle, now)
 
     def _submit(self, handle: GoalHandle, now: float) -> None:
-        """Start a goal, or queue it until the arm has stopped.
-
-        `now`: time to which all checks refer, s.
-        """
+        """Start a goal, or queue it until the arm has stopped. `now`: time of all checks, s."""
         try:
             self.check(self._purpose, now)
             if self._running is None and not self._stopper.over:

@@ -1,8 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A goal's plan over time: its clock, its speed scaling, its remainder after a pause, its timing.
+"""The timing of a goal's plan: its clock, its speed scaling, and its remainder after a pause.
 
 Rules for the clock of a plan:
+
 1. It starts with the first point and runs regardless of the arm. Therefore an arm that stops at
    each point falls behind the plan.
 2. A segment runs at the speed factor with which its last point was sent. A later change of the
@@ -57,7 +58,7 @@ class SpeedScaling:
         return self._target
 
     def set(self, factor: float, now: float, *, ramp: bool = True) -> None:
-        """Set the requested speed factor. `ramp`: change to it gradually."""
+        """Set the requested speed factor. `ramp`: change gradually to a factor above 0."""
         if not (factor == 0.0 or MIN_FACTOR <= factor <= 1.0):
             raise ValueError(
                 f'the factor {factor:g} must be 0 (pause) or from {MIN_FACTOR:g} to 1 (as planned)'
@@ -80,13 +81,13 @@ class SpeedScaling:
         return self._from + (done if change > 0.0 else -done)
 
     def least(self, message: Message) -> float:
-        """Return the minimum speed factor of a point, with which its velocity is MIN_VELOCITY."""
+        """Return the minimum speed factor of a point, at which its velocity is MIN_VELOCITY."""
         if not (self._by_velocity and isinstance(message, JointTrajPt)):
             return 0.0
         return MIN_VELOCITY / message.velocity
 
     def time_for(self, planned: float, now: float) -> float:
-        """Return the time, s, that `planned` s of a plan take from `now` on, with the ramp."""
+        """Return how long `planned` s of a plan take from `now` on, s, including a speed ramp."""
         factor = self.factor(now)
         if factor == self._target:
             return planned / factor
@@ -101,7 +102,7 @@ class SpeedScaling:
 
 
 def scaled(message: M, factor: float, delay: float) -> M:
-    """Return a point's message at `factor` (0, 1] of its planned speed, `delay` s late."""
+    """Return a point slowed down to `factor` (0, 1] of its speed, and delayed by `delay` s."""
     if factor == 1.0 and delay == 0.0:
         return message
     if isinstance(message, JointTrajPt):
@@ -121,7 +122,7 @@ def scaled(message: M, factor: float, delay: float) -> M:
 
 
 class ReferenceTrajectory:
-    """A trajectory over time, from `start`, with joint_trajectory_controller's polynomials."""
+    """A trajectory from `start`, interpolated as by ros2_control's trajectory controller."""
 
     def __init__(self, trajectory: Trajectory, start: Array) -> None:
         parts = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
@@ -150,7 +151,7 @@ class ReferenceTrajectory:
 
 
 class GoalClock:
-    """Clock of a goal's plan time, which is 0 at `now`. All times are monotonic, s."""
+    """Clock of a goal's plan. Plan time 0 is the monotonic time `now`, s."""
 
     def __init__(self, trajectory: Trajectory, start: Array, scaling: SpeedScaling, now: float):
         self.time = 0.0
@@ -165,7 +166,7 @@ class GoalClock:
         self._factors.append(factor)
 
     def advance(self, now: float, *, running: bool = True) -> None:
-        """Advance by the time since the last call or, unless `running`, only set `rate` to 0."""
+        """Advance to the time `now`. If the plan is not `running`, only set `rate` to 0."""
         remaining, self._now = now - self._now, max(now, self._now)
         if not running or remaining < 0.0:
             self.rate = 0.0
@@ -186,13 +187,13 @@ class GoalClock:
             remaining -= needed
 
     def desired(self) -> tuple[Array, Array]:
-        """Return the planned positions and velocities, shape (n,), rad and rad/s."""
+        """Return the currently planned positions, rad, and velocities, rad/s, shapes (n,)."""
         positions, velocities = self._reference.at(self.time)
         return positions, velocities * self.rate
 
 
 class PointSchedule:
-    """Scales the speed of a trajectory's messages to the current speed scaling.
+    """The messages of a trajectory, each slowed down by the current speed scaling when it is sent.
 
     `start_by`: latest start of the motion, monotonic, s.
     """
@@ -216,7 +217,7 @@ class PointSchedule:
         return len(self._messages)
 
     def ahead(self, index: int) -> float:
-        """Return the plan time until point `index`, s, or 0 if the clock has passed the point."""
+        """Return the plan time that is left until point `index` is due, s, or 0 if it is past."""
         return max(self._times[index] - self.clock.time, 0.0)
 
     def message(self, index: int, now: float) -> Message:
@@ -325,7 +326,7 @@ class Timing:
 
 
 class TimingMonitor:
-    """Checks speed scaling, plans and streams against the speeds that the controller supports."""
+    """Checks whether the controller supports the speed of a plan, a stream, or a speed scaling."""
 
     def __init__(self, rules: DeliveryRules, limits: JointLimits) -> None:
         points_have_times = rules.point_message == 'joint_traj_pt_full'

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller's I/O without ROS: polling of all values, and access by address (docs/io.md).
 
-I/O is independent of motion and state. If a controller has no I/O, or its I/O server does not run,
-requests fail, and their error text is this reason.
+I/O is independent of motion and state. Without I/O in the controller, or while its I/O server does
+not run, requests fail with this reason.
 """
 
 import asyncio
@@ -274,7 +274,7 @@ class Io:
                     await self._wake.wait()
 
     async def _values(self) -> tuple[tuple[IoValues, ...], str]:
-        """Return the values of all readable ranges, and the first error of another one, or ''."""
+        """Read all ranges. Return the values, and the first error of an unreadable range or ''."""
         backend = self._backend
         await backend.find_ranges(self.timeout)
         ranges = backend.ranges or ()

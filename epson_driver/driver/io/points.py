@@ -141,7 +141,7 @@ def rejection(io_type: int, index: int, value: int | None, ranges: Ranges) -> Io
 def shown(
     ranges: Ranges, types: Sequence[IoType], *, grouped: bool
 ) -> Iterator[tuple[IoRange, int, list[IoAddress]]]:
-    """Yield each range to poll, the number of points in each value, and the addresses to read.
+    """Yield the readable ranges, how many points one value contains, and the addresses to read.
 
     If groups consist of digital points (`grouped`), the digital points are read as groups, and the
     values of all groups are computed from the digital points (`packed`). At most MAX_SHOWN points
@@ -167,7 +167,7 @@ def shown(
 
 
 def packed(groups: IoRange, bits: Sequence[int]) -> tuple[int, ...]:
-    """Return the values of a range of groups, from `bits`, the values of all digital points."""
+    """Compute the values of a range of groups from `bits`, the values of all digital points."""
     width = _width(groups.start)
     first = groups.start % WORD_GROUPS
     return tuple(

@@ -171,7 +171,7 @@ class Servo:
 
     @property
     def active(self) -> bool:
-        """True while a stream is followed, or the arm still moves after one."""
+        """Whether a stream is followed, or the arm has not come to rest after one."""
         return self._session is not None
 
     @property
@@ -230,7 +230,7 @@ class Servo:
         return None
 
     def refuse(self, source: str, why: str, arrival: float | None = None) -> None:
-        """Record an invalid message on topic `source`. `arrival`: as for `take`."""
+        """Record an invalid message on topic `source`. `arrival`: loop time, s. None: now."""
         self.counts.received += 1
         self._refuse_invalid(source, why, _now() if arrival is None else arrival)
 
@@ -529,8 +529,8 @@ class Servo:
     ) -> tuple[ServoTarget, Array | float]:
         """Return the target at `now`, and the maximum speed as fractions of the limits.
 
-        The tracker advances by `dt` s in steps of `step` s. If the setpoint has a window, the
-        target is later than `now` by the arm's lag.
+        The tracker will advance by `dt` s in steps of `step` s. If the setpoint has a window, the
+        target is taken later than `now` by the arm's lag, to make up for this lag.
         """
         speed, lead = self._fastest(session, factor), self._stopper.delivery.lead
         if session.setpoint.window is None:
@@ -541,7 +541,7 @@ class Servo:
         return reference.aim(time, step, session.tracker.limits), speed
 
     def _fastest(self, session: _Session, factor: float) -> Array | float:
-        """Return the maximum speed of the tracker as a fraction of each limit, and store it."""
+        """Return the maximum speed of the tracker, as a fraction of each joint's limit."""
         if session.reference is None:
             return factor
         limit = session.tracker.limits.velocity

@@ -115,7 +115,7 @@ class StreamFilter:
         return np.where(speed * self._speed > 0.0, lower, 0.0)
 
     def _add_speed(self, speed: Array, span: float) -> None:
-        """Update the largest abrupt change of velocity with the velocity of a new setpoint.
+        """Record a setpoint's velocity, and update the largest abrupt change of velocity.
 
         `span`: time since the previous setpoint, s.
         """
@@ -128,7 +128,7 @@ class StreamFilter:
         self._speed = speed
 
     def _fitted(self) -> tuple[Array, ...]:
-        """Fit the positions minus the integrated velocities, separately for each joint."""
+        """Return the fit (`_fit`) to the positions minus the integrated velocities."""
         differences = self._positions - self._integral
         count = differences.shape[1]
         chosen = np.zeros((4, count))
@@ -154,7 +154,11 @@ class StreamFilter:
         return tuple(chosen)
 
     def aim(self, now: float, ahead: float = 0.0, lead: float = 0.0) -> ServoTarget:
-        """Return the target `lead` s after `now`. `ahead`: additional length of this step, s."""
+        """Return the target for the arm `lead` s after `now`.
+
+        `ahead`: how much longer than usual this step is, s. This time does not count as the
+        stream's usual age.
+        """
         times, limits = self._times, self._limits
         age = float(now - times[-1])
         self._age = age - ahead
@@ -329,7 +333,10 @@ class StreamReference:
         return max(self._times[-1], 0.0)
 
     def aim(self, time: float, dt: float, limits: JointLimits) -> ServoTarget:
-        """Return the target for a step of `dt` s, bounded by later points and the final stop."""
+        """Return the target for a step of `dt` s that ends at `time`.
+
+        Its bounds contain all later points, and the stop after the last point.
+        """
         position, velocity = self.at(time)
         acceleration = (velocity - self.at(time - dt)[1]) / dt
         end, speed = self.at(max(time, self._times[-1]))

@@ -68,7 +68,7 @@ in which velocities are estimated."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSample:
-    """Measured joints. Times are monotonic, s."""
+    """Measured joint positions and velocities. Times are monotonic, s."""
 
     time: float  # time of arrival
     positions: Array  # shape (n,), rad or m

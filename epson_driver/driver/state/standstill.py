@@ -46,7 +46,7 @@ class Standstill:
         self._rest_position: Array = np.zeros(0)
 
     def expect(self, after: float | None, rest: float = REST_TIME_S) -> None:
-        """Restart the detection with samples measured after `after`. None: no sample counts."""
+        """Restart the detection. Samples count if measured after `after`. None: none counts."""
         self._after = after
         self._rest = rest
         self._still = self._since = None

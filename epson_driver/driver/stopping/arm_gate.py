@@ -87,6 +87,6 @@ class ArmGate:
         return True
 
     def see_motors_on(self) -> None:
-        """Record for all pending requests that the motors are on and must stay on."""
+        """Record that the motors are on. If they go off now, pending requests are canceled."""
         for request in self._requests:
             request.motors_on = True

@@ -333,7 +333,7 @@ class Stopper:
         return True
 
     def _powered(self) -> bool:
-        """Return False if STATUS reports that the motors are off, else True."""
+        """Return False if STATUS reports that the motors are off. Without STATUS, return True."""
         status = self._robot.status
         return status is None or status.drives_powered != TriState.FALSE
 

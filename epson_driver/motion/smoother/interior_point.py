@@ -56,7 +56,7 @@ class Program:
     * first: index of the first of these three coefficients, shape (m,).
     * rows: constraints at each sample, shape (m, r, 3).
     * rooted: index of the first row whose right side is 1/√x.
-    * back: distance in u. The cost of a sample is evaluated this far before the sample, (m,).
+    * back: how far before each sample, in u, the cost is evaluated, shape (m,).
     * weights, target_speeds: w and c of the cost, shape (m,).
     """
 

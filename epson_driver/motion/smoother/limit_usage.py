@@ -124,7 +124,7 @@ def _distance(t: Array, v: Array, a: Array, j: Array) -> Array:
 
 
 def _spans(path: Path, timing: TimeParametrisation) -> _Spans:
-    """Return the spans of a timing on a path. Their segments follow from a count of the knots."""
+    """Return the spans of a motion, divided at the knots and at the timing's breakpoints."""
     durations = np.diff(timing.times)
     reached = np.maximum.accumulate(timing.positions)
     knots = path.knots.u

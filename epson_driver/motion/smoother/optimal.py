@@ -320,7 +320,7 @@ def _excess(result: LimitUsage) -> Excess:
 
 
 def _fraction(excess: list[Excess], nodes: Array) -> Array:
-    """Return the fraction of the limits to use in each interval, after the excesses so far."""
+    """Return each interval's fraction of the limits, reduced after each measured excess."""
     fraction = np.ones(len(nodes) - 1)
     for us, ratio in excess:
         where = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(fraction) - 1)

@@ -73,7 +73,7 @@ class OutputGuard:
         self._bounds = self._rounding = np.empty(0)
 
     def violation(self, motion: Motion, dt: float, limits: JointLimits) -> Violation | None:
-        """Return the first exceeded limit, or None. With None, `motion` becomes `last`."""
+        """Return the first exceeded limit. If there is none, store `motion`, and return None."""
         if self._bounds_of is None or self._bounds_of[0] is not limits or self._bounds_of[1] != dt:
             self._bounds, self._rounding = _bounds(limits, dt), _rounding(limits, dt)
             self._bounds_of = limits, dt

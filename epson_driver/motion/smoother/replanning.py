@@ -46,7 +46,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PendingRequest:
-    """A request whose plan is awaited. more: whether waypoints after its route are known."""
+    """A request whose plan is awaited. more: whether waypoints before a rest are left out."""
 
     request: Request
     route: list[Waypoint]
@@ -243,7 +243,7 @@ class Replanning:
         return PendingRequest(request, route, more)
 
     def _extend(self, route: list[Waypoint], end: float) -> bool:
-        """Add waypoints up to the next rest to the route. Return False if all of them were added.
+        """Add waypoints up to the next rest to the route. Return whether some are left out.
 
         end: time, s. A waypoint with a later commanded time is added only if fewer than MIN_POINTS
         have been added.

@@ -24,7 +24,7 @@ POSITION_TOLERANCE = 1e-9
 
 
 class Mode(StrEnum):
-    """Use of the points' durations."""
+    """Meaning of the points' durations."""
 
     TIME_PRESERVING = 'time_preserving'
     """Durations are respected where the limits allow. A point without a duration is reached as

@@ -44,7 +44,7 @@ class Leg(Protocol):
     curve: Curve
 
     def limits_and_speed(self, low_power: bool, fraction: float) -> tuple[JointLimits, CurveSpeed]:
-        """Return the limits along this leg, and the speed.
+        """Return the joint limits of this leg, and the limits of its motion along the curve.
 
         `fraction`: the part of the low-power tool speed that this leg may use.
         """

@@ -32,10 +32,7 @@ class Pacer:
 
     @contextmanager
     def present(self) -> Iterator[Controller]:
-        """Advance the controller to the current time, and lend it to the caller.
-
-        Then schedule its next step.
-        """
+        """Advance the controller to the current time, yield it, and schedule its next step."""
         self._catch_up()
         try:
             yield self._controller

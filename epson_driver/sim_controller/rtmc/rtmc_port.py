@@ -169,7 +169,7 @@ class RtmcPort:
             self._notices.cancel()
 
     def _answer(self, request: RtmcMessage, sender: int) -> RtmcMessage | None:
-        """Return the reply, or None if it is sent later, when the buffer has room."""
+        """Execute a request, and return the reply. Return None if the reply is sent later."""
         number = request.number
         conditions = required(number, request.low)
         if conditions is None:

@@ -146,7 +146,7 @@ class RobotPoints:
         )
 
     def _undetermined(self, angles: Array) -> Iterator[str]:
-        """Yield the flags of the joint angles that the pose of the tool leaves undetermined."""
+        """Yield flags with the angles of joints that the pose of the tool does not determine."""
         for mark, joint in _UNDETERMINED.get(self._type, {}).items():
             side = self._kinematics.sides(angles)[-1 if joint else 0]
             if abs(math.remainder(side, FULL_TURN)) < STRAIGHT_RAD:

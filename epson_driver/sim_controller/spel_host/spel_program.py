@@ -174,14 +174,15 @@ class SpelProgram(CommandWindow):
     def _now(self) -> float:
         """Return the time since the boot, s.
 
-        It is rounded up to an event that is due except for a rounding error.
+        If an event is due within ROUNDING_S, return its time, because the clock has rounding
+        errors.
         """
         now = self._controller.clock.now - self._start_time
         due = self.machine.next_time()
         return due if due is not None and now < due < now + ROUNDING_S else now
 
     def _pass_time(self) -> float:
-        """Advance the time of the idle interpreter, because delays of new tasks count from now."""
+        """Advance the idle interpreter to now, because new tasks start now. Return the time."""
         now = self._now()
         self.machine.idle(now)
         return now
