@@ -89,8 +89,8 @@ def parameter_values(
 ) -> dict[str, Any]:
     """Return the settings and the arguments of a Robot by ROS parameter name.
 
-    `host`: an address or the path of a robot's file. An argument that is None is left out, because
-    its default is in this file, the profile or the table of settings.
+    `host`: an address or the path of a robot's file. Arguments that are None are left out. Their
+    values come from the robot's file, the profile, or the table of settings.
     """
     in_file = isinstance(host, str) and host.endswith('.yaml')
     values = robot_settings(host) if in_file else {}

@@ -113,7 +113,7 @@ WORDS = Rule(str.split, "must be a string, such as 'cut for=0.5'")
 
 
 class Simulation(Unique):
-    """Operator actions on a simulated controller. With any other one, they raise RobotError."""
+    """Operator actions at a simulated controller. At a real one, they raise RobotError."""
 
     def __init__(self, port: Callable[[], int]) -> None:
         self._port = port

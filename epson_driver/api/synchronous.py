@@ -208,7 +208,7 @@ class Gripper(Synchronous[AwaitedGripper]):
 
 
 class Simulation(Synchronous[AwaitedSimulation]):
-    """Operator actions on a simulated controller. With any other one, they raise RobotError."""
+    """Operator actions at a simulated controller. At a real one, they raise RobotError."""
 
     estop = waits(AwaitedSimulation.estop)
     door = waits(AwaitedSimulation.door)

@@ -202,7 +202,7 @@ async def _run(
 
 
 def _watch_stdin(ended: asyncio.Event) -> None:
-    """Set `ended` when stdin closes, as it does when the process that writes to it ends."""
+    """Set `ended` when stdin closes, for example because the parent process has ended."""
     loop, file = asyncio.get_running_loop(), sys.stdin.fileno()
 
     def read() -> None:

@@ -144,7 +144,7 @@ class Conversation:
             self.link.post(message, lambda packet, _: self._take(packet))
 
     def restart(self) -> None:
-        """Clear the traffic of an open connection, and use the current TRACE from now on."""
+        """Clear the traffic of an open connection. From now on, record it in the current trace."""
         self._finish()
         self.traffic.packets.clear()
         if self.link.addresses is not None:

@@ -47,9 +47,9 @@ NOTHING_LISTENS = (
 
 @dataclass
 class Look:
-    """The services that answer at an address.
+    """The services that answer at an address, and the profile and the model that fit them.
 
-    The profile and the model are those that fit, or ''.
+    `profile` and `model` are '' if none fits.
     """
 
     host: str

@@ -92,7 +92,7 @@ class Connections:
         return made
 
     def restart(self) -> None:
-        """Clear the traffic of all connections, and use the current TRACE from now on."""
+        """Clear the traffic of all connections. From now on, record them in the current trace."""
         for made in self._open.values():
             made.restart()
 

@@ -43,7 +43,7 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
 def read_file(path: Path, largest: int) -> bytes:
     """Return the content of a file.
 
-    Raises InputError if it has more than `largest` bytes, or like `open_file`.
+    Raises InputError if it has more than `largest` bytes, and the errors of `open_file`.
     """
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size

@@ -81,7 +81,7 @@ class Peer(Protocol):
 
 
 class RtmcMotion:
-    """The motions of one link. `on_packet`: called with an unexpected failure."""
+    """Executes motions over one link. `on_packet`: called with an unexpected failure."""
 
     def __init__(
         self,

@@ -240,7 +240,7 @@ class ClientNode:
         return SetParametersResult(successful=not why, reason=why)
 
     def _set_parameters(self, changes: list[Parameter]) -> str:
-        """Apply changes, and return ''. If one of them is invalid, apply none and return why.
+        """Apply all changes, or none if one is invalid. Return why it is invalid, or ''.
 
         rclpy has already checked ranges and read-only flags from the descriptors.
         """

@@ -17,7 +17,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
 
 
 def ending_signals() -> list[signal.Signals]:
-    """Return the signals that end an executable. Under nohup, SIGHUP is not one of them."""
+    """Return the signals that end an executable: all but SIGHUP if nohup ignores that."""
     ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     return [number for number in ENDING if number is not signal.SIGHUP or not ignored]
 

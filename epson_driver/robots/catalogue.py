@@ -40,7 +40,7 @@ SOLD_AS = {
 
 
 class Layer(NamedTuple):
-    """Values for a model from one file, or from the entry of a file at the keys `where`."""
+    """Values for a model, from the file `path`, or from its entry with the nested keys `where`."""
 
     path: Path
     where: tuple[str, ...]
@@ -103,7 +103,7 @@ def layers(name: str) -> list[Layer]:
 
 @cache
 def _models() -> dict[str, tuple[Layer, Layer]]:
-    """Return the layers of each model by name: the layer of its series, and its own.
+    """Return two layers for each model: the data of its series, and of the model itself.
 
     The names are sorted.
     """

@@ -124,7 +124,7 @@ class Kinematics:
         return np.array(result).reshape(-1, len(near))
 
     def why_unreachable(self, pose: Array) -> str:
-        """Return why an orientation is unreachable, or ''. Raises the same errors as `inverse`."""
+        """Return why an orientation is unreachable, or ''. Raises the errors of `inverse`."""
         return self._solver.why_unreachable(self._of_tool0(_checked_pose(pose)))
 
     def sides(self, joints: Array) -> tuple[float, ...]:

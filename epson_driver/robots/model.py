@@ -204,7 +204,7 @@ OTHER_KEYS = (
 
 
 def _keys(types: tuple[str, ...]) -> dict[str, str]:
-    """Return quantity → key of its joint values. The key ends with the units of these joints."""
+    """Return the key of each quantity of the joints. The key contains the units."""
     mixed = PRISMATIC in types
     shown, si = ('deg_mm', 'rad_m') if mixed else ('deg', 'rad')
     return {

@@ -35,7 +35,7 @@ Range = tuple[float, float, str]
 class Provenance:
     """Source of a quantity.
 
-    It includes the confidence of the quantity's number, or of the number of each joint.
+    `marks`: how certain its number is, or the number of each joint.
     """
 
     source: str

@@ -45,8 +45,8 @@ class FunctionCode:
     * starts: the first instruction of the same statement.
     * following: the instruction that normally follows.
     * source: the Python function of the instruction, with the name o<index>_<pc>.
-    * passed_over: instructions that only jump to the end of an If or Select. Other jumps to them
-      go directly to that end.
+    * passed_over: jumps to the end of an If or Select. Another jump to such a jump goes directly
+      to the end.
     """
 
     name: str
@@ -67,9 +67,9 @@ class FunctionCode:
 
 @dataclass
 class Program:
-    """All functions of a project, and its shared variables.
+    """All functions of a project, its shared variables, and the Python text made from them.
 
-    It also contains the Python text generated from them, in portions.
+    The text is divided into portions (`source`), which are compiled separately.
     """
 
     functions: list[FunctionCode]

@@ -283,7 +283,7 @@ class Expressions:
         return f'({variable.place}, {variable.slot})', variable.type
 
     def taker(self, expression: Expression) -> tuple[str, str]:
-        """Return the Python text that makes a Reference to a variable, and the variable's type."""
+        """Return the Python text of a variable's Reference, and the variable's type."""
         if not isinstance(expression, Name | Apply):
             raise SyntaxProblem(expression.at, 'must be a variable', 'type')
         reference, type_name = self.reference(expression)

@@ -224,7 +224,7 @@ def _task_names(function: Function) -> Iterator[Any]:
 
 
 def _instead(function: str) -> bool:
-    """Return whether a function runs instead of main, like main7, and not together with it."""
+    """Return whether a function is another start function, such as main7."""
     return function.startswith('main') and function[4:].isdigit()
 
 

@@ -137,7 +137,7 @@ def read_settings(
 ) -> Settings:
     """Return the settings of a folder's spel.yaml, if any, with the overrides KEY[.ITEM]=VALUE.
 
-    `names`: further overrides by key, as plain texts. None as a text has no effect. Raises
+    `names`: further overrides by key, as plain texts. Those that are None are ignored. Raises
     InputError, which names the allowed values, if a key or a value is invalid.
     """
     path = None if folder is None else folder / SETTINGS_FILE

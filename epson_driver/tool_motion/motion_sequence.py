@@ -234,7 +234,7 @@ def _tool_limits(primitive: Primitive) -> ToolLimits:
 
 
 def _tool_limits_of_time(path: PosePath, time: float) -> ToolLimits:
-    """Return limits with which the tool takes about `time` s. Each ramp takes a third of it."""
+    """Return limits with which the tool takes about `time` s, a third of it for each ramp."""
     speed, turn = 1.5 * path.length / time, 1.5 * path.angle / time
     tiny = 1e-9  # for a motion without distance or without turn
     return ToolLimits(

@@ -42,7 +42,7 @@ class MessagesError(ValueError):
 class Kind(Enum):
     """Type of an entry.
 
-    The driver causes OPEN and REQUEST, the controller SEND, END and RESET.
+    OPEN and REQUEST come from the driver, and SEND, END and RESET from the controller.
     """
 
     OPEN = auto()

@@ -220,7 +220,7 @@ class StreamFilter:
 
 
 def _line(times: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Fit a line to each column. Return fits as in `StreamFilter._fit`, and which are noisy."""
+    """Fit a line to each column. Return fits as in `_fitted`, and which leave only noise."""
     middle = times.mean()
     offsets = times - middle
     mean = values.mean(axis=0)
@@ -384,7 +384,10 @@ class _StreamState:
 
 
 class StreamSpeedEstimator:
-    """Estimates the speed of a stream of positions over the path ahead of the arm."""
+    """Records the positions and speeds of a stream that the arm has not reached yet.
+
+    `fastest` is the highest recorded speed of each joint.
+    """
 
     def __init__(self, start: Array, time: float) -> None:
         first = _StreamState(time - PACE_SPAN_S, start, np.zeros_like(start))

@@ -202,7 +202,7 @@ def _spline(
 def _finer(
     problem: Problem, spline: SpeedSpline, timing: TimeParametrisation, places: Array
 ) -> SpeedSpline | None:
-    """Return a timing's spline with more nodes around `places`, or None as `_spline` does.
+    """Return a timing's spline with more nodes around `places`. None: see `_spline`.
 
     places: path parameters u.
     """
@@ -219,7 +219,7 @@ def _finer(
 def _of_speeds(
     problem: Problem, nodes: Array, speeds: Array, start_ramp: Ramp, end_ramp: Ramp
 ) -> SpeedSpline | None:
-    """Return a spline with given nodes and speeds u̇ at `_middles`, or None as `_spline` does."""
+    """Return a spline with speeds u̇ at `_middles` of given nodes. None: see `_spline`."""
     h = np.diff(nodes)
     if np.min(h) <= _BESIDE:
         return None

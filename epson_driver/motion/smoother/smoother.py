@@ -72,7 +72,7 @@ class Smoother:
         self._replanning.news = True
 
     def finish(self) -> None:
-        """End the trajectory with a rest at the last point. Later points start another one."""
+        """End the trajectory with a rest at the last point. Later points belong to a new one."""
         if self._waypoints.finish():
             self._replanning.news = True
 

@@ -26,7 +26,7 @@ _GAUSS = _GAUSS + 0.5
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """A ramp of constant jerk that starts or ends at rest. Both values are 0 if it is missing."""
+    """A ramp of constant jerk that starts or ends at rest. Without a ramp, both values are 0."""
 
     jerk: float
     time: float

@@ -65,7 +65,7 @@ class Tasks(Enum):
 
 
 class Fault(Enum):
-    """Errors of the controller itself. A refused point is not one of them."""
+    """Errors of the controller itself. Rejected points do not count."""
 
     NONE = 'none'
     ERROR = 'error'

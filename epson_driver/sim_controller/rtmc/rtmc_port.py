@@ -65,7 +65,7 @@ _log = logging.getLogger(__name__)
 
 
 class RefusedError(Exception):
-    """A request is refused with a reason. An EXECUTION error also has a detail."""
+    """A refused request, with the reason. An EXECUTION error also has a detail."""
 
     def __init__(self, reason: Refusal = Refusal.EXECUTION, detail: int = 0) -> None:
         super().__init__(reason, detail)
