@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Creation of the objects that communicate with a controller, according to its profile."""
+"""Creation of the links, motors and I/O of a controller, according to its profile."""
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass

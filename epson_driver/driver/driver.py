@@ -394,7 +394,7 @@ class Driver:
         self._report_link(self.state_link if name == 'state' else self.motion_link, why)
 
     async def _before_motion_link(self) -> None:
-        """Wait for the byte order if the controller keeps points, so that STOP must come first."""
+        """Wait until the byte order is known, if STOP must be sent first on the motion link."""
         if self._connects_later():
             await self._dialect_known.wait()
 

@@ -27,7 +27,7 @@ class End(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The outcome of a goal. `unexplained`: the controller has not yet reported its cause."""
+    """The outcome of a goal. `unexplained`: the controller has not reported the cause yet."""
 
     end: End
     code: ErrorCode

@@ -233,7 +233,7 @@ class SetpointTracker:
                 self._execute(motion, final=True)
 
     def _moves_to_constant(self, target: Array, aim: ServoTarget) -> bool:
-        """Return whether the joints are at the target, or execute a short final motion to it."""
+        """Start a short final motion to a constant target. Return whether one is executed."""
         if self._final and float(np.abs(target - self.motion.end).max()) < ROUNDING:
             return True
         motion = fastest_move(self._gentle, self.state, target)
@@ -250,7 +250,7 @@ class SetpointTracker:
     def _stepped(
         self, state: State, dt: float, jerks: Array, fastest: Array, low: Array, high: Array
     ) -> JointMotion:
-        """Return a step of `dt` s with jerks close to `jerks`, followed by a stop. Shapes (n,)."""
+        """Return a step of `dt` s with the allowed jerks nearest to `jerks`, and then a stop."""
         durations, used = [], []
         rows = (*state, self.limits.acceleration, self.limits.jerk, fastest, low, high, jerks)
         for p, v, a, max_acceleration, max_jerk, speed, lowest, highest, desired in zip(
@@ -284,7 +284,7 @@ def _towards(target: Array, state: State, dt: float) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class _Joint:
-    """A joint during a step of `dt` s. acceleration, jerk, speed: limits of the joint."""
+    """The limits of one joint during a step of `dt` s, and the jerks that they allow."""
 
     dt: float
     acceleration: float

@@ -300,9 +300,9 @@ class Search:
         return self._nodes.inverse * powers
 
     def _by_unknowns(self) -> tuple[Array, Array]:
-        """Return the derivatives of the jerks with respect to the unknowns, and corrections.
+        """Return the derivatives of the jerks with respect to the unknowns, and jerk corrections.
 
-        The corrections are the changes of the jerks that remove the defects.
+        The corrections make the integrated states equal to the unknown states (see `_integrate`).
         """
         m, n = self._size
         end, inverse = slice(self._nodes.count, None), self._inverse()
@@ -317,7 +317,7 @@ class Search:
     def _tangents(self, jerks: Array, corrections: Array) -> tuple[Array, Array]:
         """Return the derivatives of the rows with respect to the unknowns, and offsets.
 
-        The offsets are the changes of the rows that result from the corrections of the jerks.
+        The offsets are the changes of the rows that the jerk corrections cause (`_by_unknowns`).
         """
         (m, n), count, positions = self._size, self._nodes.count, self._nodes.positions
         tangents = np.empty((m, n, STEPS + count, jerks.shape[3]))

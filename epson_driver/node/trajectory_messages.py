@@ -145,7 +145,6 @@ def _optional_table(
 
 
 def _table(points: Sequence[JointTrajectoryPoint], quantity: str, names: Sequence[str]) -> Array:
-    """Return a quantity of all points, shape (points, n)."""
     rows = list(map(attrgetter(quantity), points))
     if set(map(len, rows)) != {len(names)}:
         index, count = next(

@@ -52,7 +52,7 @@ MAX_POSE_ERROR = 1e-7  # tolerance of the inverse kinematics, m and rad
 
 
 class Jog:
-    """Jog motion of one model. Joints have the shape (n,), rad or m.
+    """Computes the jog motions of one model. Joints have the shape (n,), rad or m.
 
     Methods raise RequestError if the motion is impossible.
     """

@@ -36,7 +36,7 @@ Joint values are in displayed units.
 
 
 class History:
-    """The samples of the curves. `per_unit`: displayed units per rad or m, shape (n,)."""
+    """The samples that the page plots. `per_unit`: displayed units per rad or m, shape (n,)."""
 
     def __init__(self, per_unit: Array) -> None:
         self._per_unit = per_unit

@@ -71,7 +71,6 @@ def _is_installed(package: str, environment: Mapping[str, str]) -> bool:
 
 
 def _log_folder(environment: Mapping[str, str]) -> Path | None:
-    """Return the folder in which rcl writes its log."""
     if folder := environment.get('ROS_LOG_DIR'):
         return Path(folder).expanduser()
     if home := environment.get('ROS_HOME'):

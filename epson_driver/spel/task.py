@@ -276,7 +276,7 @@ class SharedState:
         return self.tasks.get(which)
 
     def load(self, points: Mapping[int, Point]) -> None:
-        """Load the points of a file into memory, as the robot stores them."""
+        """Load the points of a file into memory, in the form in which the robot stores points."""
         self.points |= {number: self.host.stored_point(item) for number, item in points.items()}
 
     def placed(self, arguments: Sequence[Any], steps: bool = False) -> tuple[Any, ...]:

@@ -379,7 +379,7 @@ class GoalExecution:
         self._on_end(outcome)
 
     def _stopped(self) -> Array:
-        """Return the velocities below which the joints count as stopped, rad/s, shape (n,)."""
+        """Return the velocity below which each joint counts as stopped, rad/s, shape (n,)."""
         stopped = np.full(len(self.goal.trajectory.joint_names), self.settings.stopped_velocity)
         if self.goal.goal_velocity is not None:
             stopped = np.minimum(stopped, self.goal.goal_velocity)

@@ -327,7 +327,7 @@ class GoalQueue:
             handle.execution.pause(now)
 
     def set_speed(self, factor: float) -> str:
-        """Set the speed scaling (0 pauses), and return a text that describes the effect."""
+        """Set the speed scaling (0 pauses), and return a sentence that describes the effect."""
         running = None if self.execution is None else self.execution.goal.trajectory
         self._timing_monitor.check_factor(factor, running)
         now = _now()

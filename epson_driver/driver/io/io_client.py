@@ -226,7 +226,7 @@ class Io:
         values: Sequence[int | None],
         request: Callable[[Sequence[T], float], Awaitable[list[PointReply]]],
     ) -> list[IoAnswer]:
-        """Send a request with the valid items, and return the results of all items."""
+        """Send those items of a request that are valid. Return a result for every item."""
         if len(items) > MAX_POINTS:
             raise IoUnavailableError(f'{len(items)} points in one request: at most {MAX_POINTS}')
         if not self.used:

@@ -154,11 +154,7 @@ class StreamFilter:
         return tuple(chosen)
 
     def aim(self, now: float, ahead: float = 0.0, lead: float = 0.0) -> ServoTarget:
-        """Return the target for the arm `lead` s after `now`.
-
-        `ahead`: how much longer than usual this step is, s. This time does not count as the
-        stream's usual age.
-        """
+        """Return the target `lead` s after `now`. `ahead`: excess length of this step, s."""
         times, limits = self._times, self._limits
         age = float(now - times[-1])
         self._age = age - ahead
@@ -333,10 +329,7 @@ class StreamReference:
         return max(self._times[-1], 0.0)
 
     def aim(self, time: float, dt: float, limits: JointLimits) -> ServoTarget:
-        """Return the target for a step of `dt` s that ends at `time`.
-
-        Its bounds contain all later points, and the stop after the last point.
-        """
+        """Return the target for a step of `dt` s to `time`, bounded by later points and a stop."""
         position, velocity = self.at(time)
         acceleration = (velocity - self.at(time - dt)[1]) / dt
         end, speed = self.at(max(time, self._times[-1]))
@@ -482,9 +475,9 @@ class StreamLag:
 
         `near`: sent positions, shape (k, n). `position`: position of the arm, shape (n,).
 
-        A path may pass a position twice, in opposite directions. Therefore the result is the
-        nearest position on a step in the arm's direction of motion. If this is farther away than
-        the nearest position of all by more than half a step, the result is the latter.
+        The nearest position counts. But a path may pass a position twice, in opposite directions,
+        so a position whose step has the arm's direction of motion takes precedence if it is at
+        most half a step farther away.
         """
         distances = np.abs(near - position).max(axis=1)
         nearest = int(np.argmin(distances))

@@ -96,5 +96,5 @@ class Standstill:
         return self._reported > self._still - VELOCITY_WINDOW_S
 
     def reached(self, now: float) -> bool:
-        """Return whether the arm has been at rest long enough. `now`: newest `measured` time."""
+        """Return whether the arm has been at rest long enough. `now`: time of measurement, s."""
         return self._since is not None and now - self._since >= self._rest

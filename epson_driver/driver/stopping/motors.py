@@ -101,7 +101,7 @@ class MotorsByHand:
         raise MotorsError(f'{self.missing}, so {action.value.by_hand}')
 
     async def status(self, timeout: float) -> ControllerStatus | None:
-        """Return None."""
+        """Return None, because the status is not queried."""
 
 
 class RtmcMotors:
@@ -127,7 +127,7 @@ class RtmcMotors:
             ) from error
 
     async def status(self, timeout: float) -> ControllerStatus | None:
-        """Return None."""
+        """Return None, because the status is not queried."""
 
 
 class RemoteEthernetMotors:
@@ -243,7 +243,7 @@ class MotomanMotors:
             raise MotorsError(f'{commands.motoman.name}: {why}: {remedy}', unanswered=unanswered)
 
     async def status(self, timeout: float) -> ControllerStatus | None:
-        """Return None."""
+        """Return None, because the status is not queried."""
 
 
 class SerializedMotors:

@@ -54,7 +54,7 @@ A plan is slower than the profile, so it takes about the whole horizon.
 def within_horizon(
     request: Request, path: Path, limits: JointLimits, effort: Effort
 ) -> tuple[Path, Problem, SpeedBounds]:
-    """Return the path up to the planning horizon, with its planning problem and speed bounds."""
+    """Shorten a path to the planning horizon. Return it with its problem and speed bounds."""
     effort.spend(OUTSET_US)
     problem = problem_of(request, path, limits, _ratio(request), effort)
     bounds = SpeedBounds(problem)
@@ -85,7 +85,7 @@ def _ratio(request: Request) -> float:
 
 
 def _late_end(request: Request, path: Path, limits: JointLimits, profile: SpeedProfile) -> bool:
-    """Return whether a plan with speeds similar to `profile` would reach the end late."""
+    """Return whether a plan whose speeds are similar to `profile` would end too late."""
     now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
     time_left = float(end - now)
     duration = float(_arrivals(request, profile, np.array([path.end]), limits)[0])
@@ -106,7 +106,7 @@ def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Eff
 
 
 def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedProfile) -> Array:
-    """Return the factor of the commanded speed at each knot that makes up a delay, shape (k,)."""
+    """Return the factors of the commanded speed at the knots that remove a delay, shape (k,)."""
     knots = path.knots.u
     clock = request.clock[: len(knots)]
     now = float(np.interp(request.state[0], knots, clock))

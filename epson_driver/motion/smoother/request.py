@@ -100,7 +100,7 @@ class ActivePlan:
 
     @property
     def finished(self) -> bool:
-        """Whether the plan ends at a commanded rest whose position has not changed since."""
+        """Whether the plan ends at a commanded rest that has not been moved since."""
         last = self.route[-1]
         return last.rest is not None and bool(
             np.all(last.position == self.path.knots.position[-1])

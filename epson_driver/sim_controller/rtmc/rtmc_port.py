@@ -367,7 +367,6 @@ class RtmcPort:
             self._transmit(self._moved(full=True))
 
     def _end(self) -> None:
-        """End the motion mode and brake."""
         if self._cycles is not None:
             self._cycles.cancel()
             self._cycles = None

@@ -182,7 +182,7 @@ class SpelProgram(CommandWindow):
         return due if due is not None and now < due < now + ROUNDING_S else now
 
     def _pass_time(self) -> float:
-        """Advance the idle interpreter to now, because new tasks start now. Return the time."""
+        """Advance the idle interpreter to now, so that new delays start now. Return the time."""
         now = self._now()
         self.machine.idle(now)
         return now
