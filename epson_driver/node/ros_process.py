@@ -137,8 +137,8 @@ MIN_SPACING_NS = 1_000
 NS_PER_S = 1_000_000_000
 
 MIN_STEP_BACK_NS = 100_000_000
-"""Minimum backward jump of ROS time after which stamps also jump back, ns. After a smaller jump,
-stamps advance by MIN_SPACING_NS until ROS time has caught up."""
+"""Minimum backward jump of the ROS clock after which stamps also jump back, ns. After a smaller
+jump, and for a late sample under a slow or paused clock, stamps advance by MIN_SPACING_NS."""
 
 
 class RosTimeStamps:
@@ -146,7 +146,7 @@ class RosTimeStamps:
         self._clock = clock
         self._monotonic = monotonic
         self._ahead: int | None = None
-        self._last = 0
+        self._reading = self._last = 0
         self._message = TimeMessage()
 
     def stamp(self, time: float) -> TimeMessage:
@@ -156,14 +156,14 @@ class RosTimeStamps:
         after = self._monotonic()
         ahead = ros - _nanoseconds(before)
         if self._ahead is None:
-            self._ahead = ahead
+            self._ahead, self._reading = ahead, ros
         elif after - before < MAX_READING_NS * 1e-9:
             drift = ahead - self._ahead
             self._ahead += drift if abs(drift) > MIN_JUMP_NS else drift // DRIFT_FILTER_DIVISOR
-        stamp = max(_nanoseconds(time) + self._ahead, 0)
-        if stamp < self._last + MIN_SPACING_NS and stamp > self._last - MIN_STEP_BACK_NS:
-            stamp = self._last + MIN_SPACING_NS
-        self._last = stamp
+            if ros < self._reading - MIN_STEP_BACK_NS:
+                self._last = 0
+            self._reading = ros
+        self._last = stamp = max(_nanoseconds(time) + self._ahead, self._last + MIN_SPACING_NS)
         self._message.sec, self._message.nanosec = divmod(stamp, NS_PER_S)
         return self._message
 

@@ -76,6 +76,17 @@ def test_clock_step_is_followed_immediately(clocks, stamps, seconds):
     assert abs(since(clocks, stamps.stamp(clocks.time), clocks.time)) < 1e-4
 
 
+@pytest.mark.parametrize('rate', [0.0, 0.1])
+def test_late_sample_under_a_slow_or_paused_clock_is_not_stamped_back(clocks, stamps, rate):
+    last = -1
+    for late in (0.0, 0.3, 0.0, 0.2) * 5:
+        clocks.time += 0.4
+        clocks.ahead -= round((1.0 - rate) * 0.4e9)
+        stamp = stamps.stamp(clocks.time - late)
+        assert stamp.sec * 10**9 + stamp.nanosec > last
+        last = stamp.sec * 10**9 + stamp.nanosec
+
+
 @pytest.mark.invariant(8)
 def test_stamps_increase(clocks, stamps):
     last = -1
