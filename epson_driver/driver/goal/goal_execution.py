@@ -18,7 +18,7 @@ import numpy as np
 from epson_driver.driver.delivery.delivery import PreparedTrajectory
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.driver.delivery.statements import StatementReply
-from epson_driver.driver.delivery.streaming import MIN_DURATION_S, STOP
+from epson_driver.driver.delivery.streaming import MIN_DURATION_S, START_MARGIN_RAD, STOP
 from epson_driver.driver.goal.goal import Arrival, Goal, GoalSettings, check_start, late_start
 from epson_driver.driver.goal.goal_states import (
     AFTERMATH,
@@ -408,7 +408,8 @@ class GoalExecution:
         if self._arrival.reached(at_rest=at_rest):
             text = f'at the goal after {now - self.started:.2f} s'
             text += late_start(self.goal.start, self.started)
-            if self._rest_at is not None:
+            distance = np.abs(self.goal.trajectory.positions - self._start).max()
+            if self._rest_at is not None and distance > START_MARGIN_RAD:
                 self.timing = Timing(self.goal.trajectory.duration, self._rest_at)
                 own = self.goal.message is not None  # the controller chose the speed
                 monitor = None if own else self._timing_monitor

@@ -64,6 +64,13 @@ async def test_inv5_outcome_of_another_speed_than_planned_has_both_times(caplog)
     assert harness.driver.goal_queue.other_speed == 1
 
 
+async def test_goal_at_the_position_of_the_arm_has_no_speed():
+    harness, outcome, _ = await executed(load_controller_profile('fanuc'), plan(1.0, way=0.0))
+    assert outcome.end is End.SUCCEEDED
+    assert 'instead of' not in outcome.text
+    assert harness.driver.goal_queue.other_speed == 0
+
+
 async def test_planned_speed_is_no_warning():
     harness, outcome, _ = await executed(load_controller_profile('generic'), plan(1.0))
     assert outcome.end is End.SUCCEEDED
