@@ -21,8 +21,9 @@ Rules:
    The arm comes to rest before it follows the stream again. A pause (speed scaling 0) also sends
    STOP. If no positions arrive for `timeout`, the arm stops at the last position. It brakes
    immediately instead if it lags too far behind the stream (LEFT_BEHIND_S), or if `timeout` is at
-   most FRESH_S. A stream that was silent for RELEASE_S ends when the arm is at rest. If a goal
-   arrives, the stream ends as soon as it is silent for `timeout` and the arm is at rest.
+   most FRESH_S. A stream that was silent or held its position for RELEASE_S ends when the arm is
+   at rest. If a goal arrives, the stream ends as soon as it is silent for `timeout` and the arm
+   is at rest.
 6. An arm that is behind a stream of positions catches up at no more than `catch_up` times the
    speed of the stream, even if the limits permit more.
 7. The sent points are never more than MAX_LAG_S ahead of the arm. No further point is sent until
@@ -104,6 +105,7 @@ class _Session:
     setpoint: Setpoint  # the newest
     tracker: SetpointTracker
     received: float  # arrival of the last setpoint that was not at rest
+    requested: float  # arrival of the last setpoint that requested motion
     sent: Array  # the last point
     sent_velocity: Array
     stepped: float  # time of the last step of the tracker
@@ -218,8 +220,10 @@ class Servo:
         requests_motion = self._interlock.receive(
             setpoint.source, setpoint, arrival, missed=missed
         )
-        if self._session is not None:
-            return self._update(self._session, setpoint, now, arrival)
+        if (session := self._session) is not None:
+            if requests_motion and setpoint.source == session.source:
+                session.requested = arrival
+            return self._update(session, setpoint, now, arrival)
         if requests_motion:
             return self._try_to_start(setpoint, now, arrival)
         if setpoint.positions is not None and not self._is_at(setpoint.positions):
@@ -316,6 +320,7 @@ class Servo:
             setpoint,
             tracker,
             arrival,
+            arrival,
             start,
             np.zeros_like(start),
             now,
@@ -331,7 +336,7 @@ class Servo:
         self._reported.clear()
         self._update_reference(session, setpoint, arrival)
         self._report_clipping(setpoint, session, now)
-        _log.info('following the stream of %ss on %s', setpoint.mode, setpoint.source)
+        _log.info('following the %s stream on %s', setpoint.mode, setpoint.source)
         self._started.set()
         self._post(session, first, now)
 
@@ -449,8 +454,8 @@ class Servo:
                 )
         else:
             self._step_or_wait(session, now)
-        silent = now - session.received > RELEASE_S
-        if silent and session is self._session and self._done(session, now):
+        idle = now - session.requested > RELEASE_S
+        if idle and session is self._session and self._done(session, now):
             self._end(session)
 
     def _step_or_wait(self, session: _Session, now: float) -> None:

@@ -65,7 +65,7 @@ async def over(harness):
 @pytest.mark.parametrize('smooth', EITHER, ids=['point to point', 'smooth'])
 async def test_positions_are_followed_to_the_last_and_then_a_goal_runs(smooth, logged):
     async with cell(smooth=smooth) as (harness, _):
-        await send(harness, ramp(0.3), 2.5)
+        await send(harness, ramp(0.3), 1.5)
         assert harness.driver.servo.mode is Mode.POSITION
         assert harness.driver.servo.source == SERVO
         await over(harness)
@@ -74,7 +74,7 @@ async def test_positions_are_followed_to_the_last_and_then_a_goal_runs(smooth, l
         assert not harness.driver.stopper.ours
         assert (await harness.submit(pose(0.1)).end()).end is End.SUCCEEDED
     first, last = logged()
-    assert 'following the stream of positions on ~/servo' in first
+    assert 'following the position stream on ~/servo' in first
     assert 'has ended, and the arm is at rest' in last
 
 
@@ -306,6 +306,18 @@ async def test_goal_and_stream_exclude_each_other(logged):
         await until(lambda: not harness.driver.robot.sample.velocities.any())
         await over(harness)
         assert (await harness.submit(pose(0.2)).end()).end is End.SUCCEEDED
+
+
+async def test_stream_that_holds_its_position_for_a_second_is_over():
+    async with (
+        cell(smooth=True) as (harness, _),
+        sending(harness, lambda time: positions(pose(min(0.2 * time, 0.1)))),
+    ):
+        await until(lambda: harness.driver.servo.active)
+        await until(lambda: not harness.driver.servo.active)
+        assert harness.at == pytest.approx(pose(0.1), abs=1e-4)
+        assert (await harness.submit(pose(0.3)).end()).end is End.SUCCEEDED
+        assert await stays(harness)
 
 
 async def test_first_of_two_streams_is_followed(logged):
