@@ -6,6 +6,7 @@ import asyncio
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory
+from diagnostic_msgs.msg import DiagnosticArray
 from epson_msgs.msg import IoPoint
 from epson_msgs.srv import ReadIo, SetSpeedScaling
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -86,9 +88,12 @@ class SoakUser:
         self._states = 0
         self._joints: list[float] = []
         self._changed = threading.Condition()
+        self._streams: deque[tuple[str, str]] = deque(maxlen=2)
+        """`stream followed` and `setpoints received` of the last reports."""
         self._ended: dict[bytes, int] = {}
         self._twice: list[str] = []
         node.create_subscription(JointState, 'joint_states', self._on_joints, 10)
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         node.create_subscription(
             GoalStatusArray,
             f'{driver}/follow_joint_trajectory/_action/status',
@@ -154,7 +159,19 @@ class SoakUser:
             at = [here[0] + (angle - here[0]) * step / steps, *here[1:]]
             self._stream.publish(Float64MultiArray(data=at))
             time.sleep(STREAM_PERIOD_S)
-        time.sleep(0.5)  # longer than servo.timeout: an arm at rest accepts goals again
+        with self._changed:
+            self._streams.clear()
+            if not self._changed.wait_for(self._stream_ended, PATIENCE_S):
+                raise TimeoutError('the stream does not end')
+
+    def _stream_ended(self) -> bool:
+        """Return whether no setpoint was received or followed between two reports of the driver.
+
+        On a busy machine, the driver receives the last setpoints seconds late.
+        """
+        return (
+            len(self._streams) == 2 and len(set(self._streams)) == 1 and 'none' in self._streams[0]
+        )
 
     def call(self, name: str) -> tuple[bool, str]:
         """Call a service without arguments."""
@@ -236,6 +253,12 @@ class SoakUser:
         with self._changed:
             self._states += 1
             self._joints = list(message.position)
+            self._changed.notify_all()
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        values = {item.key: item.value for status in message.status for item in status.values}
+        with self._changed:
+            self._streams.append((values['stream followed'], values['setpoints received']))
             self._changed.notify_all()
 
     def _on_status(self, message: GoalStatusArray) -> None:
