@@ -62,14 +62,12 @@ class FamilyFigures:
     plans: number of requests. failed: number of requests without a plan. stops: rests that are at
     neither end of a motion. time_ratio: worst time of a time-optimal run with all known / point to
     point. commanded_ratio: worst time / commanded time where that was feasible, or 0. velocity,
-    acceleration, jerk: largest multiple of the limit, by exact extrema. sampled: the largest of
-    all three in samples each ms. outside: distance outside the position limits, rad. unfinished:
-    runs without an end. violations: limit violations seen by the smoother's own guard.
-    plan_median, plan_p99: CPU time of a plan, s.
+    acceleration, jerk: largest multiple of the limit, by exact extrema. outside: distance outside
+    the position limits, rad. unfinished: runs without an end. violations: limit violations seen by
+    the smoother's own guard. plan_median, plan_p99: CPU time of a plan, s.
     """
 
     name: str
-    runs: int = 0
     plans: int = 0
     failed: int = 0
     stops: int = 0
@@ -78,7 +76,6 @@ class FamilyFigures:
     velocity: float = 0.0
     acceleration: float = 0.0
     jerk: float = 0.0
-    sampled: float = 0.0
     outside: float = 0.0
     unfinished: int = 0
     violations: int = 0
@@ -187,12 +184,8 @@ def _run(
     q, v, a = (np.array([getattr(row, key) for row in rows]) for key in KEYS)
     none = np.zeros(0)
     record = Record(SAMPLE_STEP_S, q, v, a, none, none.astype(np.bool_))
-    figures.runs += 1
     figures.stops += len(stops(record, limits))
     figures.violations += smoother.violations
-    jerks = np.diff(a, axis=0) / SAMPLE_STEP_S
-    for values, limit in ((v, limits.velocity), (a, limits.acceleration), (jerks, limits.jerk)):
-        figures.raise_to(sampled=float(np.max(np.abs(values) / limit)))
     exact = exact_extrema(smoother, positions[0])
     figures.raise_to(
         velocity=exact.velocity,

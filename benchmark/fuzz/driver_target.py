@@ -8,10 +8,10 @@ between.
 """
 
 import asyncio
-import contextlib
 import logging
 import struct
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from support.streams import positions
 
 from benchmark.fuzz import messages
 from benchmark.fuzz.cases import Case, FoundError, Step
-from benchmark.fuzz.memory_loop import MemoryLoop, MemoryTransport
+from benchmark.fuzz.memory_server import ServedEnd, listen, new_loop
 from benchmark.fuzz.messages import Chance
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.delivery.delivery import delivery_rules
@@ -44,6 +44,7 @@ from epson_driver.simple_message import (
     SpecialSequence,
     decode,
 )
+from simulation.virtual_loop import VirtualLoop
 
 PORTS = Ports(1, 2, 3, 4)
 NUMBERS = {'motion': 1, 'state': 2, 'io': 3, 'remote': 4}
@@ -99,25 +100,13 @@ class DriverTarget:
 
     def run(self, case: Case) -> None:
         """Run the case. Raises FoundError, or an exception of a part of the driver."""
-        loop = MemoryLoop()
+        loop = new_loop()
         world = _World(self, loop)
         try:
             loop.run_until_complete(world.run(case))
         finally:
-            with contextlib.suppress(RuntimeError):
-                _cancel_all(loop)
-            loop.close()
+            loop.bury()
         world.check_log()
-
-
-def _cancel_all(loop: asyncio.AbstractEventLoop) -> None:
-    async def cancel() -> None:
-        tasks = asyncio.all_tasks() - {asyncio.current_task()}
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-
-    loop.run_until_complete(cancel())
 
 
 CONTROLLER = (
@@ -145,14 +134,13 @@ class _Lines(logging.Handler):
 class _World:
     """One driver with its controller and its user."""
 
-    def __init__(self, target: DriverTarget, loop: MemoryLoop) -> None:
+    def __init__(self, target: DriverTarget, loop: VirtualLoop) -> None:
         self._target = target
         self._loop = loop
-        loop.accept = self._accept
+        self._serve(True)
         loop.set_exception_handler(self._on_exception)
-        self._ends: dict[str, MemoryTransport] = {}
+        self._ends: dict[str, ServedEnd] = {}
         self._joints = [0.0] * 10
-        self._takes = True
         self._shows = True
         self._answers: int | None = 1
         self._commanded = False
@@ -230,10 +218,10 @@ class _World:
         elif what in ('state on', 'state off'):
             self._shows = what == 'state on'
         elif what in ('take nobody', 'take anybody'):
-            self._takes = what == 'take anybody'
+            self._serve(what == 'take anybody')
         elif what in ('hang up', 'reset'):
             for end in tuple(self._ends.values()):
-                end.hang_up(ConnectionResetError('reset') if what == 'reset' else None)
+                end.hang_up(reset=what == 'reset')
         elif what == 'goal':
             self._goal(harness)
         elif what == 'cancel':
@@ -267,22 +255,28 @@ class _World:
 
     # --- the controller ---
 
-    def _accept(self, number: int, transport: MemoryTransport) -> None:
-        if not self._takes:
-            raise ConnectionRefusedError(111, 'Connection refused')
-        port = next(name for name, item in NUMBERS.items() if item == number)
-        self._ends[port] = transport
-        transport.on_end = lambda: self._gone(port, transport)
-        if port == 'motion':
-            transport.on_bytes = lambda data: self._motion(data, transport)
-        elif port == 'remote':
-            transport.on_bytes = lambda data: self._remote(data, transport)
+    def _serve(self, takes: bool) -> None:
+        """Listen on all ports, or refuse new connections."""
+        listeners = self._loop.network.listeners
+        for port, number in NUMBERS.items():
+            if takes and number not in listeners:
+                listen(self._loop, number, partial(self._accept, port))
+            elif not takes and number in listeners:
+                listeners[number].close()
 
-    def _gone(self, port: str, transport: MemoryTransport) -> None:
-        if self._ends.get(port) is transport:
+    def _accept(self, port: str, end: ServedEnd) -> None:
+        self._ends[port] = end
+        end.on_end = lambda: self._gone(port, end)
+        if port == 'motion':
+            end.on_bytes = lambda data: self._motion(data, end)
+        elif port == 'remote':
+            end.on_bytes = lambda data: self._remote(data, end)
+
+    def _gone(self, port: str, end: ServedEnd) -> None:
+        if self._ends.get(port) is end:
             del self._ends[port]
 
-    def _motion(self, data: bytes, transport: MemoryTransport) -> None:
+    def _motion(self, data: bytes, end: ServedEnd) -> None:
         """Process the driver's data on the motion port, and answer like a controller.
 
         Each message is decoded separately. The answer is in the byte order of the request, and a
@@ -319,16 +313,16 @@ class _World:
             else:
                 body = struct.pack(order + 'i10f', sequence, *[0.0] * 10)
                 answer = messages.frame(10, messages.REPLY, self._answers, body, order)
-            self._loop.call_later(0.01, transport.feed, answer)
+            self._loop.call_later(0.01, end.feed, answer)
         if framer.unread:
             self._found.append(f'the driver sent a piece of a message: {framer.unread.hex()}')
 
-    def _remote(self, data: bytes, transport: MemoryTransport) -> None:
+    def _remote(self, data: bytes, end: ServedEnd) -> None:
         if self._answers is not None:
             name = data.removeprefix(b'$').split(b',')[0].strip()
             value = b'00100000001,0000' if name == b'GetStatus' else b'0'
             mark = b'#' if self._answers == 1 else b'!'
-            self._loop.call_soon(transport.feed, mark + name + b',' + value + b'\r\n')
+            self._loop.call_soon(end.feed, mark + name + b',' + value + b'\r\n')
 
     async def _state(self) -> None:
         order = self._target.profile.byte_order.value
@@ -361,7 +355,8 @@ class _World:
 
     async def _recovers(self, harness: Any) -> None:
         """Check that the driver works with a controller that has recovered."""
-        self._takes = self._shows = True
+        self._serve(True)
+        self._shows = True
         self._answers = 1
         self._joints = [
             min(max(joint, -1.0), 1.0) if joint == joint else 0.0 for joint in self._joints

@@ -6,12 +6,13 @@ import asyncio
 
 from benchmark.fuzz import messages
 from benchmark.fuzz.cases import Case, Step
-from benchmark.fuzz.memory_loop import MemoryLoop, MemoryTransport
+from benchmark.fuzz.memory_server import ServedEnd, listen, new_loop
 from benchmark.fuzz.messages import Chance
 from epson_driver.remote_ethernet.client import RemoteError, execute
 
 COMMANDS = ('GetStatus', 'SetMotorsOn,1', 'Reset', 'SetIO,1,1')
 INPUTS_PER_CASE = 60
+PORT = 4
 TIMEOUT_S = 5.0
 
 
@@ -38,27 +39,27 @@ class RemoteClientTarget:
 
     def run(self, case: Case) -> None:
         """Send commands until all answers are used. Raises exceptions that no caller expects."""
-        loop = MemoryLoop()
+        loop = new_loop()
         answers = list(reversed(case.steps))
 
-        def accept(_port: int, transport: MemoryTransport) -> None:
+        def accept(end: ServedEnd) -> None:
             def on_bytes(data: bytes) -> None:
                 step = answers.pop() if answers else ('do', 'hang up')
                 if step[0] != 'send':
-                    transport.hang_up()
+                    end.hang_up()
                     return
                 right = b'#' + data.removeprefix(b'$').split(b',')[0].strip() + b',0\r\n'
-                loop.call_soon(transport.feed, step[2] or right)
+                end.feed(step[2] or right)
 
-            transport.on_bytes = on_bytes
+            end.on_bytes = on_bytes
 
-        loop.accept = accept
+        listen(loop, PORT, accept)
 
         async def give() -> None:
             while answers:
                 left = len(answers)
                 try:
-                    await execute('127.0.0.1', 4, COMMANDS, TIMEOUT_S)
+                    await execute('127.0.0.1', PORT, COMMANDS, TIMEOUT_S)
                 except (RemoteError, TimeoutError, ConnectionError):
                     if left == len(answers):
                         return
@@ -66,4 +67,4 @@ class RemoteClientTarget:
         try:
             loop.run_until_complete(asyncio.wait_for(give(), 1e6))
         finally:
-            loop.close()
+            loop.bury()
