@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Genuine ros2 launch, ros2_control and MoveIt move a simulated arm. Skipped without them."""
+"""Genuine ros2 launch, ros2_control, MoveIt and its Servo move an arm. Skipped without them."""
 
 import os
 import random
@@ -12,11 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from control_msgs.msg import JointJog
+from std_msgs.msg import Header
 from support.ros_peer import JOINTS, Goal, RosPeer, trajectory
 
 from epson_driver.processes import processes
 
-EXAMPLE = Path(__file__).parents[2] / 'examples' / 'moveit_goal.py'
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / 'examples' / 'moveit_goal.py'
 
 TARGET = [0.3, 0.1, 0.2, 0.0, -0.5, 0.0]
 GOAL_TIME_S = 3.0
@@ -152,3 +155,49 @@ def test_move_group_moves_the_arm_and_its_death_fails_the_launch(launched: Any) 
     children = ['--parent', str(cell.process.process_id), '--exact', 'move_group']
     subprocess.run(['pkill', '--signal', 'KILL', *children], check=True)
     assert cell.process.wait(30.0) == 1
+
+
+SERVO = """
+from launch import LaunchDescription
+from launch_ros.actions import Node
+{}
+def generate_launch_description():
+    return LaunchDescription([servo])
+"""
+"""A launch file, to be completed by the code of docs/servo.md."""
+
+
+def test_moveit_servo_jogs_the_arm_and_no_setpoint_is_clipped(
+    launched: Any, tmp_path: Path
+) -> None:
+    kind = pytest.importorskip('moveit_msgs.srv').ServoCommandType
+    page = (ROOT / 'docs' / 'servo.md').read_text(encoding='utf-8')
+    code = page.partition('```python\n')[2].partition('```')[0]
+    file = tmp_path / 'servo.launch.py'
+    file.write_text(SERVO.format(code), encoding='utf-8')
+    cell = launched('moveit_planning_execution.launch.py', launch_rviz='false')
+    peer, environment = cell.peer, processes.ros_environment(cell.domain)
+    servo = processes.Process(str(file), [], tmp_path / 'servo.log', environment, LAUNCH[:2])
+    try:
+        with peer.client(kind, '/servo_node/switch_command_type') as client:
+            request = kind.Request(command_type=kind.Request.JOINT_JOG)
+            assert peer.complete(client.call_async(request)).success
+        assert peer.goal(trajectory((GOAL_TIME_S, TARGET))).result()[0] == 'succeeded'
+        jog = peer.node.create_publisher(JointJog, '/servo_node/delta_joint_cmds', 10)
+
+        def moved() -> bool:
+            header = Header(stamp=peer.node.get_clock().now().to_msg())
+            jog.publish(JointJog(header=header, joint_names=JOINTS[:1], velocities=[1.0]))
+            latest = peer.joint_states[-1]
+            return latest.position[list(latest.name).index(JOINTS[0])] > TARGET[0] + 0.1
+
+        peer.wait_for(moved, 'motion by Servo')
+        peer.wait_until_still()
+        reported = len(peer.diagnostics)
+        peer.wait_for(lambda: len(peer.diagnostics) > reported + 1, 'diagnostics')
+        parts = peer.diagnostics[-1].status
+        values = {item.key: item.value for part in parts for item in part.values}
+        assert int(values['setpoints received']) > 0
+        assert values['setpoints clipped'] == '0'
+    finally:
+        servo.end()
