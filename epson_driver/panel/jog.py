@@ -120,7 +120,7 @@ class Jog:
         except KinematicsError as error:
             raise RequestError(f'cannot compute joint positions for this pose: {error}') from error
         if not len(result):
-            raise RequestError('out of reach')
+            raise RequestError('the point is out of reach: no joint positions lead to it')
         return np.asarray(result[0])
 
     def along(self, path: Array, fraction: float) -> Trajectory:
@@ -212,7 +212,9 @@ class Jog:
                 return joints
             jacobian = self.kinematics.jacobian(joints)
             joints = joints + np.linalg.lstsq(jacobian, error, rcond=1e-6)[0]
-        raise RequestError('the tool cannot reach this pose on a straight line')
+        raise RequestError(
+            'the tool cannot reach this pose on a straight line: move a joint first'
+        )
 
     def _refuse(self, out: npt.NDArray[np.bool_]) -> None:
         if np.any(out):

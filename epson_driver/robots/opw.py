@@ -33,7 +33,13 @@ The error of the solution is at most this angle.
 """
 
 ROUNDING = 1e-12
-"""Relative tolerance at the edge of the reach."""
+"""Relative tolerance of a wrist beside joint 1's axis."""
+
+EDGE_M = 2e-6
+"""Distance beyond the edge of the workspace that counts as reachable, m.
+
+The coordinates of a stretched arm may be there, because RC+ rounds them to 0.001 mm and 0.001°.
+"""
 
 
 class KinematicsError(ValueError):
@@ -190,10 +196,10 @@ class OpwSolver:
             (around - atan2(b, out), out - a1),
             (around + atan2(b, out) - pi, -out - a1),  # over the shoulder
         ):
-            away = ahead * ahead + up * up
-            bend = (away - c2 * c2 - fore * fore) / (2.0 * c2 * fore)
-            if abs(bend) > 1.0 + ROUNDING:
+            away = hypot(ahead, up)
+            if not abs(c2 - fore) - EDGE_M <= away <= c2 + fore + EDGE_M:
                 continue
+            bend = (away * away - c2 * c2 - fore * fore) / (2.0 * c2 * fore)
             third = acos(min(max(bend, -1.0), 1.0))
             for turn in (third, -third):
                 second = atan2(ahead, up) - atan2(fore * sin(turn), c2 + fore * cos(turn))

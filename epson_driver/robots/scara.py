@@ -13,10 +13,7 @@ import numpy as np
 
 from epson_driver.motion import Array
 from epson_driver.robots.model import RobotModel
-from epson_driver.robots.opw import TOLERANCE, KinematicsError
-
-EDGE_M = 1e-9
-"""Distance beyond the edge of the workspace that counts as reachable."""
+from epson_driver.robots.opw import EDGE_M, TOLERANCE, KinematicsError
 
 UPRIGHT_RAD = 1e-6
 """Maximum tilt of a pose that counts as upright. The solution ignores it."""
@@ -96,7 +93,7 @@ class ScaraSolver:
         solutions = []
         for side in (1.0, -1.0):
             elbow = straight + side * bend
-            if away < EDGE_M:
+            if away < TOLERANCE:
                 shoulder = known.signs[0] * near[0]
             else:
                 shoulder = np.angle(place / (first + second * np.exp(1j * elbow)))
