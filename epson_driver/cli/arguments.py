@@ -42,7 +42,7 @@ def add_password(parser: argparse.ArgumentParser) -> None:
 def add_ports(parser: argparse.ArgumentParser, unused: str) -> None:
     """Add an option for each port of a controller. `unused` explains port 0."""
     for name in ('state', 'motion', 'io', 'remote'):
-        text = f'{name} port (default: from the profile'
+        text = f'{"I/O" if name == "io" else name} port (default: from the profile'
         text += ')' if name == 'state' else f', 0: {unused})'
         parser.add_argument(f'--{name}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
 
@@ -75,7 +75,9 @@ def argument(rule: Rule, parse: Callable[[str], object] | None = None) -> Callab
             return rule.read((parse or _number)(text))
         except (TypeError, ValueError, KeyError, OverflowError):
             message = text if text and len(text) < 100 else shown(text)
-            raise argparse.ArgumentTypeError(f'{printable(message)}: {rule.text}') from None
+            raise argparse.ArgumentTypeError(
+                f'{printable(message)}: {rule.text_for(text)}'
+            ) from None
 
     return read
 

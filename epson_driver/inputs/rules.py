@@ -104,16 +104,23 @@ def printable(text: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A rule for a value. `read` returns the converted value, or raises an exception."""
+    """A rule for a value. `read` returns the converted value, or raises an exception.
+
+    `hint` returns a more precise text for an invalid value, or ''.
+    """
 
     read: Callable[[Any], Any]
     text: str
+    hint: Callable[[object], str] = lambda _: ''
+
+    def text_for(self, value: object) -> str:
+        return self.hint(value) or self.text
 
     def checked(self, value: object, where: str) -> Any:
         try:
             return self.read(value)
         except (TypeError, ValueError, KeyError, OverflowError):
-            raise InputError(f'{where} = {shown(value)}: {self.text}') from None
+            raise InputError(f'{where} = {shown(value)}: {self.text_for(value)}') from None
 
     def argument(self, value: object, name: str) -> Any:
         """Return the checked argument of a public function. Raises ArgumentError."""
@@ -231,10 +238,23 @@ def _host(value: Any) -> str:
     return value
 
 
+_WITH_PORT = re.compile(r'(?:[a-z]+://)?([^/:\s]+)(?::[0-9]*)?(?:/.*)?', re.ASCII)
+
+
+def _address_alone(value: object) -> str:
+    found = _WITH_PORT.fullmatch(value) if isinstance(value, str) else None
+    try:
+        alone = _host(found and found[1])
+    except (TypeError, ValueError):
+        return ''
+    return f'must be the address alone: {alone} (ports are separate settings)'
+
+
 HOST = Rule(
     _host,
     'must be an IP address without leading zeros, or the name of a host: parts of 1 to 63 '
     'letters, digits and hyphens with dots between them',
+    _address_alone,
 )
 """Rule for a host. It checks only the syntax, not whether the host exists."""
 

@@ -35,6 +35,8 @@ def robot_settings(name: str) -> dict[str, Any]:
     from epson_driver.setup.table import ROWS  # imported with the first file, to start fast
 
     path = Path(name)
+    if not path.exists():
+        raise InputError(f'{printable(path)}: no such file; `epson_driver connect` writes one')
     content = node_sections(path).get(NODES, {})
     if 'robot_ip' not in content:
         rule = f'must have {NODES}, {PARAMETERS} and robot_ip, as `epson_driver connect` writes'

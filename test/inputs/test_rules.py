@@ -64,14 +64,18 @@ def test_valid_host_is_accepted(host: str) -> None:
         '127.1',
         '192.168.000.1',
         'fe80::xyz',
-        'http://a',
-        '1.2.3.4:80',
         7,
         None,
     ],
 )
 def test_invalid_host_is_refused(host: Any) -> None:
     with pytest.raises(InputError, match=r'^robot_ip = .*: must be an IP address without'):
+        HOST.checked(host, 'robot_ip')
+
+
+@pytest.mark.parametrize('host', ['1.2.3.4:80', 'http://1.2.3.4', 'https://1.2.3.4:80/x'])
+def test_address_with_a_scheme_or_port_is_refused_with_the_address_alone(host: str) -> None:
+    with pytest.raises(InputError, match=r': must be the address alone: 1\.2\.3\.4 \(ports are'):
         HOST.checked(host, 'robot_ip')
 
 
