@@ -23,7 +23,7 @@ def add_robot_arguments(parser: argparse.ArgumentParser, address: str) -> None:
     parser.add_argument(
         '--robot',
         metavar='MODEL',
-        help=f'robot model (default: the one that the controller reports, else {DEFAULT_MODEL})',
+        help='robot model (default: the one that the controller reports)',
     )
     add_ports(parser, 'not used')
     add_password(parser)

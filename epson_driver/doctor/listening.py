@@ -218,13 +218,14 @@ async def opened(
     *,
     sends: bool = False,
     make: MakeLink = SIMPLE_MESSAGE,
+    pause: float = RETRY_S,
 ) -> Conversation:
     """Connect to a port. Raises NoConnectionError if that fails.
 
     A server may need REOPENED_S to open its port again after another client has left, so a refused
-    connection is retried. `sends`: whether the server sends messages without a request. If it
-    does, a connection that it closes before the first message is retried, too. `make` creates the
-    link.
+    connection is retried every `pause` s. `sends`: whether the server sends messages without a
+    request. If it does, a connection that it closes before the first message is retried, too.
+    `make` creates the link.
     """
     clock = asyncio.get_running_loop().time
     deadline = clock() + REOPENED_S
@@ -236,23 +237,23 @@ async def opened(
                 await made.wait_for_traffic(lambda traffic: traffic.packets, FIRST_BYTES_S)
             if (
                 not (sends and made.traffic.ended and not made.traffic.first_bytes)
-                or clock() > deadline
+                or clock() >= deadline
             ):
                 return made
         except BaseException as error:
             await made.close()
             refused = isinstance(error, NoConnectionError) and error.refusal is Refusal.REFUSED
-            if not refused or clock() > deadline:
+            if not refused or clock() >= deadline:
                 raise
         await made.close()
-        await asyncio.sleep(RETRY_S)
+        await asyncio.sleep(pause)
 
 
 @asynccontextmanager
 async def conversation(
-    host: str, port: int, *, sends: bool = False
+    host: str, port: int, *, sends: bool = False, pause: float = RETRY_S
 ) -> AsyncIterator[Conversation]:
-    made = await opened(host, port, sends=sends)
+    made = await opened(host, port, sends=sends, pause=pause)
     try:
         yield made
     finally:

@@ -3,7 +3,8 @@
 """Identifies a controller: the ports that answer, the profile that fits, and the robot model.
 
 Only the remote port and the state ports are opened. A client that leaves a motion or I/O port may
-stop the arm or change outputs.
+stop the arm or change outputs. A port that is closed is tried once more after REOPENED_S, because
+the program may be opening it again.
 """
 
 import asyncio
@@ -12,6 +13,7 @@ from dataclasses import dataclass, field
 from epson_driver.doctor.findings import Findings
 from epson_driver.doctor.learning import differences
 from epson_driver.doctor.listening import (
+    REOPENED_S,
     NoConnectionError,
     ReceivedTraffic,
     Refusal,
@@ -127,7 +129,7 @@ async def _ask_remote(look: Look, password: str) -> str | None:
 
 async def _listen(look: Look, port: int) -> ReceivedTraffic | None:
     try:
-        async with conversation(look.host, port, sends=True) as state:
+        async with conversation(look.host, port, sends=True, pause=REOPENED_S) as state:
             await state.wait_for_traffic(lambda it: len(it.packets) >= ENOUGH_PACKETS, TIMEOUT_S)
     except NoConnectionError as error:
         look.answers[port] = error.refusal.value[0]
@@ -136,7 +138,10 @@ async def _listen(look: Look, port: int) -> ReceivedTraffic | None:
     if has_joints(state.traffic):
         look.answers[port] = 'joint states'
         return state.traffic
-    look.answers[port] = state.traffic.ended or 'something else than a robot controller'
+    closed = state.traffic.ended and not state.traffic.first_bytes
+    look.answers[port] = (
+        'closes each connection' if closed else 'something else than a robot controller'
+    )
     return None
 
 

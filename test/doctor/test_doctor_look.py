@@ -100,6 +100,21 @@ def test_controller_that_cannot_be_identified_is_wrong(talk, text, remedy):
     assert 'secret' not in str(found)
 
 
+def test_state_port_that_closes_each_connection_is_tried_twice():
+    connections = []
+
+    async def leave(reader, writer):
+        connections.append(1)
+
+    async def scenario():
+        async with ScriptedPorts(state=leave) as ports:
+            look = await look_at('127.0.0.1', '', 0, ports['state'])
+            assert look.answers == {ports['state']: 'closes each connection'}
+
+    run(scenario(), 60.0)
+    assert len(connections) == 2
+
+
 def test_other_client_of_the_remote_port_is_named():
     result = []
 
