@@ -15,7 +15,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from epson_driver.cli.arguments import DEFAULT_MODEL, help_texts, parsed
+from epson_driver.cli.arguments import help_texts, parsed
 from epson_driver.cli.doctor import print_finding
 from epson_driver.cli.robot_arguments import add_robot_arguments, look, question
 from epson_driver.doctor.findings import Finding, Findings, Level
@@ -39,14 +39,14 @@ def main() -> int:
     console = Console(highlight=False)
     findings = Findings(lambda finding: _print_unless_skipped(console, finding))
     try:
-        if not arguments.controller:
+        if not (arguments.controller and arguments.robot):
             seen = asyncio.run(look(arguments))
             if not report_look(seen, findings):
                 return findings.exit_code
             if not seen.model:
                 parser.error('the controller does not report its model: give --robot MODEL')
             arguments.controller, arguments.robot = seen.profile, seen.model
-        arguments.robot = model_name(arguments.robot or DEFAULT_MODEL)
+        arguments.robot = model_name(arguments.robot)
         about = {
             'address': arguments.address,
             'controller': arguments.controller,
@@ -64,9 +64,10 @@ def main() -> int:
     except (KeyboardInterrupt, EOFError):
         console.print(f'\nended, completed steps are saved in {escape(printable(path))}')
         return INTERRUPTED
+    if record.habits:
+        console.print('[bold]differences from the profile:[/]')
     for habit in record.habits:
-        message = f'[bold]habit[/]  {escape(printable(habit))}'
-        console.print(message, soft_wrap=not console.is_terminal)
+        console.print(f'  {escape(printable(habit))}', soft_wrap=not console.is_terminal)
     console.print(f'page, also for sim_controller --profile-from: {printable(path)}')
     failed = any(item.state == 'failed' for item in record.entries.values())
     return int(failed or not ended)

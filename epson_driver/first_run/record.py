@@ -211,7 +211,7 @@ def _page(record: FirstRunRecord) -> Iterator[str]:
     yield '<meta name="viewport" content="width=device-width">\n'
     yield f'<style>{_STYLE}</style>\n<h1>{_text(title)}</h1>\n'
     yield from _table('Robot', record.about)
-    yield '<h2>Habits</h2>\n'
+    yield '<h2>Differences from the profile</h2>\n'
     if habits := record.habits:
         yield (
             '<ul>'

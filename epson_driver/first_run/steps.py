@@ -361,9 +361,10 @@ async def _joint(index: int, run: FirstRun) -> StepResult:
         for key, value in result.times.items()
     }
     sense = '+' if target[index] > here[index] else '-'
-    message = await run.ask(f'Did J{index + 1} move in its {sense} direction, and back? (y/n): ')
-    result.answers[name] = f'{sense}: {message.strip()[:100]}'
-    if message.strip().lower().startswith('n'):
+    asked = f'Did J{index + 1} move in its {sense} direction, and back? (Enter or y: yes, n: no): '
+    agrees = await agreed(run.ask, asked, 'n')
+    result.answers[name] = f'{sense}: {"yes" if agrees else "no"}'
+    if not agrees:
         result.habits.append(f'{name} has the opposite sign: joint_signs -1')
     return result
 
@@ -496,21 +497,25 @@ async def _asked(run: FirstRun, sentence: str) -> AsyncIterator[asyncio.Future[s
 
 
 async def _interrupted(
-    what: str, seen: Callable[[Status], bool], undo: str, run: FirstRun
+    name: str, what: str, seen: Callable[[Status], bool], undo: str, run: FirstRun
 ) -> StepResult:
     """Move joint 1 back and forth until the operator stops it.
 
     Then check that the arm stays at rest.
     """
     result = StepResult()
-    name = what.partition(',')[0]
     state, motion, here, target = await _prepared(run)
     targets = [target, here] * (BACK_AND_FORTH // 2)
-    async with _asked(run, f'The arm moves back and forth: {what} NOW. Then Enter: ') as answer:
+    async with _asked(
+        run, f'The arm moves back and forth: {what} NOW, then press Enter: '
+    ) as answer:
         made = await _move_and_record(run, state, motion, targets, [MOVE_S] * len(targets))
     result.answers[name] = (await answer).strip()[:200] or 'done'
     stopped_at = made.since(seen)
     if stopped_at is None:
+        asked = f'No {name} was reported. Did you {what} during the motion? (Enter or y, n): '
+        if not await agreed(run.ask, asked, 'n'):
+            raise NotMovedError(f'there was no {name} during the motion')
         result.habits.append(f'the controller did not report the {name}')
         return result
     result.times[f'{name}: STATUS to rest'] = max(made.end - stopped_at, 0.0)
@@ -606,8 +611,8 @@ def _motion_inhibited(status: Status) -> bool:
 def steps(joints: int, *, remote: bool = False) -> list[Step]:
     """Return the steps. `remote`: whether the controller only has Remote Ethernet."""
     distance = f'{DEGREES:g} degrees ({SLIDE_MM:g} mm)'
-    seconds = BACK_AND_FORTH * MOVE_S
-    slowly = f'joint 1 moves {distance} back and forth, slowly, for at most {seconds:g} s'
+    pace = 'at low power' if remote else f'in {MOVE_S:g} s'
+    slowly = f'joint 1 moves {distance} back and forth, slowly, {BACK_AND_FORTH // 2} times'
     every = [
         Step('listen', LISTEN_REMOTE if remote else LISTEN, _listen),
         Step('pendant', 'Compare the joint positions with the pendant.', _pendant),
@@ -619,7 +624,7 @@ def steps(joints: int, *, remote: bool = False) -> list[Step]:
         *(
             Step(
                 f'joint {index + 1}',
-                f'THE ARM MOVES: joint {index + 1} moves {distance} in {MOVE_S:g} s, and back.',
+                f'THE ARM MOVES: joint {index + 1} moves {distance} {pace}, and back.',
                 partial(_joint, index),
                 moves=True,
             )
@@ -640,7 +645,13 @@ def steps(joints: int, *, remote: bool = False) -> list[Step]:
         Step(
             'E-stop',
             f'THE ARM MOVES: {slowly}. Press the E-stop during the motion.',
-            partial(_interrupted, 'E-stop, press it', _estopped, 'Release it, reset, motors on'),
+            partial(
+                _interrupted,
+                'E-stop',
+                'press the E-stop',
+                _estopped,
+                'Release it, reset, motors on',
+            ),
             moves=True,
         ),
         Step(
@@ -648,7 +659,8 @@ def steps(joints: int, *, remote: bool = False) -> list[Step]:
             f'THE ARM MOVES: {slowly}. Open the safeguard during the motion.',
             partial(
                 _interrupted,
-                'door, open it',
+                'door',
+                'open the safeguard',
                 _motion_inhibited,
                 'Close it, reset, motors on, main',
             ),

@@ -45,7 +45,7 @@ class Command:
         os.close(writes)
         with os.fdopen(reads) as stdin:
             self._monkeypatch.setattr(sys, 'stdin', stdin)
-            words = ['--controller=simulated', *words]
+            words = ['--controller=simulated', '--robot=c3_a601s', *words]
             self._monkeypatch.setattr(sys, 'argv', ['first_run', *words])
             return first_run.main()
 

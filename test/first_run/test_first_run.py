@@ -170,10 +170,10 @@ class User:
         elif sentence.startswith('Close it'):
             controller.apply(Event.DOOR_CLOSE)
             self._recover()
-        elif 'press it NOW' in sentence:
+        elif 'press the E-stop NOW' in sentence:
             await asyncio.sleep(1.0)
             controller.press_estop()
-        elif 'open it NOW' in sentence:
+        elif 'open the safeguard NOW' in sentence:
             await asyncio.sleep(1.0)
             controller.apply(Event.DOOR_OPEN)
         elif 'pull the network cable' in sentence:
@@ -429,6 +429,21 @@ def test_texts_are_escaped_on_the_page(tmp_path):
     assert '<img' not in path.read_text()
     with pytest.raises(InputError, match='must be a file written by `epson_driver first_run`: '):
         load(path)
+
+
+def test_estop_that_was_not_pressed_in_time_is_offered_again(tmp_path, monkeypatch):
+    answer = User.ask
+
+    async def answer_late(user, sentence):
+        if 'press the E-stop' in sentence:
+            user.asked.append((user.step, sentence))
+            return 'n'
+        return await answer(user, sentence)
+
+    monkeypatch.setattr(User, 'ask', answer_late)
+    book = first_day(tmp_path, only=['E-stop'])['book']
+    assert book.entries['E-stop'].why == 'there was no E-stop during the motion'
+    assert book.habits == []
 
 
 @pytest.mark.invariant(1)
