@@ -44,79 +44,61 @@ async def moving_slowly(robot):
 
 @pytest.mark.parametrize('profile', ['simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman'])
 @pytest.mark.invariant(5)
-def test_move_reaches_its_target_on_every_kind_of_controller(profile):
-    async def scenario():
-        own_speed = Settings(require_planned_speed=profile != 'fanuc')
-        async with robot_cell(profile=profile, settings=own_speed) as (robot, _):
-            motion = await robot.move_joints([0.3, 0.1, -0.1, 0.2, 0.4, -0.3])
-            assert motion.done
-            assert motion.progress == 1.0
-            assert motion.text.startswith('at the goal after')
-            assert np.abs(robot.joints - [0.3, 0.1, -0.1, 0.2, 0.4, -0.3]).max() < 0.01
-
-    run(scenario())
+async def test_move_reaches_its_target_on_every_kind_of_controller(profile):
+    own_speed = Settings(require_planned_speed=profile != 'fanuc')
+    async with robot_cell(profile=profile, settings=own_speed) as (robot, _):
+        motion = await robot.move_joints([0.3, 0.1, -0.1, 0.2, 0.4, -0.3])
+        assert motion.done
+        assert motion.progress == 1.0
+        assert motion.text.startswith('at the goal after')
+        assert np.abs(robot.joints - [0.3, 0.1, -0.1, 0.2, 0.4, -0.3]).max() < 0.01
 
 
 @pytest.mark.invariant(2)
-def test_speed_fraction_limits_the_joint_velocity():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            fastest = np.zeros(6)
-            motion = await robot.move_joints([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], speed=0.1, wait=False)
-            while not motion.done:
-                fastest = np.maximum(fastest, np.abs(robot.joint_velocities))
-                await asyncio.sleep(0.01)
-            await motion.wait()
-            limit = robot.model.limits.velocity[0]
-            assert 0.08 * limit < fastest[0] < 0.105 * limit
-
-    run(scenario())
+async def test_speed_fraction_limits_the_joint_velocity():
+    async with robot_cell() as (robot, _):
+        fastest = np.zeros(6)
+        motion = await robot.move_joints([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], speed=0.1, wait=False)
+        while not motion.done:
+            fastest = np.maximum(fastest, np.abs(robot.joint_velocities))
+            await asyncio.sleep(0.01)
+        await motion.wait()
+        limit = robot.model.limits.velocity[0]
+        assert 0.08 * limit < fastest[0] < 0.105 * limit
 
 
-def test_trajectory_in_another_joint_order_is_executed():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            names = robot.model.joint_names[::-1]
-            rows = np.linspace(0.0, 0.3, 4)[:, None] * [0, 0, 0, 0, 0, 1.0]
-            await robot.move_trajectory([0.0, 0.5, 1.0, 1.5], rows, joint_names=names)
-            assert np.abs(robot.joints - [0.3, 0, 0, 0, 0, 0]).max() < 0.01
-
-    run(scenario())
+async def test_trajectory_in_another_joint_order_is_executed():
+    async with robot_cell() as (robot, _):
+        names = robot.model.joint_names[::-1]
+        rows = np.linspace(0.0, 0.3, 4)[:, None] * [0, 0, 0, 0, 0, 1.0]
+        await robot.move_trajectory([0.0, 0.5, 1.0, 1.5], rows, joint_names=names)
+        assert np.abs(robot.joints - [0.3, 0, 0, 0, 0, 0]).max() < 0.01
 
 
-def test_move_to_the_current_position_succeeds():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            assert (await robot.move_joints(robot.joints)).text.startswith('at the goal')
-
-    run(scenario())
+async def test_move_to_the_current_position_succeeds():
+    async with robot_cell() as (robot, _):
+        assert (await robot.move_joints(robot.joints)).text.startswith('at the goal')
 
 
-def test_pose_follows_from_the_measured_joints():
-    async def scenario():
-        async with robot_cell(enabled=False) as (robot, _):
-            assert np.allclose(robot.pose @ np.linalg.inv(robot.pose), np.eye(4))
-            assert robot.pose.shape == (4, 4)
-            assert np.allclose(robot.frames['base'] @ robot.epson_point.pose, robot.pose)
-            assert np.allclose(robot.ros_pose[:3], robot.pose[:3, 3])
-
-    run(scenario())
+async def test_pose_follows_from_the_measured_joints():
+    async with robot_cell(enabled=False) as (robot, _):
+        assert np.allclose(robot.pose @ np.linalg.inv(robot.pose), np.eye(4))
+        assert robot.pose.shape == (4, 4)
+        assert np.allclose(robot.frames['base'] @ robot.epson_point.pose, robot.pose)
+        assert np.allclose(robot.ros_pose[:3], robot.pose[:3, 3])
 
 
 @pytest.mark.invariant(6)
-def test_stale_joints_raise_until_catch_up():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            for read in (lambda: robot.joints, lambda: robot.joint_velocities, lambda: robot.pose):
-                stand_still(1.0)
-                with pytest.raises(RobotError, match=r'the newest joint state is .* s old'):
-                    read()
-                await robot.catch_up()
-                read()
+async def test_stale_joints_raise_until_catch_up():
+    async with robot_cell() as (robot, _):
+        for read in (lambda: robot.joints, lambda: robot.joint_velocities, lambda: robot.pose):
             stand_still(1.0)
-            await robot.move_joints([0.1, 0, 0, 0, 0, 0])
-
-    run(scenario())
+            with pytest.raises(RobotError, match=r'the newest joint state is .* s old'):
+                read()
+            await robot.catch_up()
+            read()
+        stand_still(1.0)
+        await robot.move_joints([0.1, 0, 0, 0, 0, 0])
 
 
 @pytest.mark.invariant(6)
@@ -143,65 +125,53 @@ def test_measured_reads_fresh_joints_after_a_stall_or_raises():
     run(scenario())
 
 
-def test_cancel_stops_the_arm_and_ends_the_motion():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            motion = await moving_slowly(robot)
-            before = motion.progress
-            assert 0.0 < before < 1.0
-            await until(lambda: motion.progress > before)
-            assert await motion.cancel() == 'canceled, the arm is at rest'
-            assert motion.done
-            assert not robot.status.moving
-            assert (await motion_error(motion.wait())).end is End.CANCELED
-            await motion.cancel()  # no effect
-            await robot.move_joints(HOME)
-
-    run(scenario())
+async def test_cancel_stops_the_arm_and_ends_the_motion():
+    async with robot_cell() as (robot, _):
+        motion = await moving_slowly(robot)
+        before = motion.progress
+        assert 0.0 < before < 1.0
+        await until(lambda: motion.progress > before)
+        assert await motion.cancel() == 'canceled, the arm is at rest'
+        assert motion.done
+        assert not robot.status.moving
+        assert (await motion_error(motion.wait())).end is End.CANCELED
+        await motion.cancel()  # no effect
+        await robot.move_joints(HOME)
 
 
 @pytest.mark.invariant(3)
-def test_cancelled_caller_stops_the_arm():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            with pytest.raises(TimeoutError):
-                async with asyncio.timeout(2.0):
-                    await robot.move_joints(FAR, speed=SLOW)
-            there = robot.joints
-            await asyncio.sleep(0.5)
-            assert np.array_equal(there, robot.joints)
-            assert there[0] < 1.0
-            await robot.move_joints(HOME)  # the arm is still enabled
-
-    run(scenario())
+async def test_cancelled_caller_stops_the_arm():
+    async with robot_cell() as (robot, _):
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(2.0):
+                await robot.move_joints(FAR, speed=SLOW)
+        there = robot.joints
+        await asyncio.sleep(0.5)
+        assert np.array_equal(there, robot.joints)
+        assert there[0] < 1.0
+        await robot.move_joints(HOME)  # the arm is still enabled
 
 
-def test_timeout_of_wait_does_not_end_the_motion():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            motion = await robot.move_joints([0.5, 0, 0, 0, 0, 0], speed=0.1, wait=False)
-            with pytest.raises(TimeoutError):
-                await asyncio.wait_for(motion.wait(), 0.2)
-            assert 'at the goal' in await motion.wait()
-
-    run(scenario())
+async def test_timeout_of_wait_does_not_end_the_motion():
+    async with robot_cell() as (robot, _):
+        motion = await robot.move_joints([0.5, 0, 0, 0, 0, 0], speed=0.1, wait=False)
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(motion.wait(), 0.2)
+        assert 'at the goal' in await motion.wait()
 
 
-def test_speed_scaling_zero_pauses_and_out_of_range_is_rejected():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            robot.set_speed_scaling(0.0)
-            await asyncio.sleep(1.0)  # its ramp
-            motion = await robot.move_joints([0.2, 0, 0, 0, 0, 0], wait=False)
-            await asyncio.sleep(5.0)
-            assert not motion.done
-            robot.set_speed_scaling(1.0)
-            await motion.wait()
-            with pytest.raises(ValueError, match=r'factor = 2\.0: must be 0'):
-                robot.set_speed_scaling(2.0)
-            assert robot.speed_scaling == 1.0
-
-    run(scenario())
+async def test_speed_scaling_zero_pauses_and_out_of_range_is_rejected():
+    async with robot_cell() as (robot, _):
+        robot.set_speed_scaling(0.0)
+        await asyncio.sleep(1.0)  # its ramp
+        motion = await robot.move_joints([0.2, 0, 0, 0, 0, 0], wait=False)
+        await asyncio.sleep(5.0)
+        assert not motion.done
+        robot.set_speed_scaling(1.0)
+        await motion.wait()
+        with pytest.raises(ValueError, match=r'factor = 2\.0: must be 0'):
+            robot.set_speed_scaling(2.0)
+        assert robot.speed_scaling == 1.0
 
 
 async def started(robot, how):
@@ -230,333 +200,278 @@ async def started(robot, how):
         several=True,
     ),
 )
-def test_paused_motion_of_every_kind_resumes(profile, smooth, how):
-    async def scenario():
-        own_speed = Settings(require_planned_speed=profile != 'fanuc')
-        async with robot_cell(profile=profile, smooth=smooth, settings=own_speed) as (robot, _):
-            start = robot.joints
-            motion = await started(robot, how)
-            await until(lambda: np.abs(np.subtract(robot.joints, start)).max() > 0.02)
-            robot.set_speed_scaling(0.0)
-            assert robot.status.paused
-            assert robot.status.text == 'pausing: the arm brakes'
-            assert robot.status.remedy == 'call set_speed_scaling(1.0)'
-            await asyncio.sleep(1.0)
-            assert robot.status.text == 'motions are paused: the speed scaling is 0'
-            here = robot.joints
-            await asyncio.sleep(2.0)
-            assert robot.joints == pytest.approx(here, abs=1e-3)
-            assert not motion.done
-            robot.set_speed_scaling(1.0)
-            await motion.wait()
-            assert not robot.status.paused
-            assert robot.joints == pytest.approx(LONG, abs=0.01)
-
-    run(scenario())
+async def test_paused_motion_of_every_kind_resumes(profile, smooth, how):
+    own_speed = Settings(require_planned_speed=profile != 'fanuc')
+    async with robot_cell(profile=profile, smooth=smooth, settings=own_speed) as (robot, _):
+        start = robot.joints
+        motion = await started(robot, how)
+        await until(lambda: np.abs(np.subtract(robot.joints, start)).max() > 0.02)
+        robot.set_speed_scaling(0.0)
+        assert robot.status.paused
+        assert robot.status.text == 'pausing: the arm brakes'
+        assert robot.status.remedy == 'call set_speed_scaling(1.0)'
+        await asyncio.sleep(1.0)
+        assert robot.status.text == 'motions are paused: the speed scaling is 0'
+        here = robot.joints
+        await asyncio.sleep(2.0)
+        assert robot.joints == pytest.approx(here, abs=1e-3)
+        assert not motion.done
+        robot.set_speed_scaling(1.0)
+        await motion.wait()
+        assert not robot.status.paused
+        assert robot.joints == pytest.approx(LONG, abs=0.01)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('profile', ['simulated', 'generic', 'motoman'])
-def test_speed_scaling_slows_a_running_move(profile):
-    async def scenario():
-        async with robot_cell(profile=profile, smooth=profile != 'generic') as (robot, _):
-            motion = await started(robot, 'joints')
-            await asyncio.sleep(0.5)
-            robot.set_speed_scaling(0.1)
-            await asyncio.sleep(motion.duration)
-            assert not motion.done
-            robot.set_speed_scaling(1.0)
-            await motion.wait()
-
-    run(scenario())
+async def test_speed_scaling_slows_a_running_move(profile):
+    async with robot_cell(profile=profile, smooth=profile != 'generic') as (robot, _):
+        motion = await started(robot, 'joints')
+        await asyncio.sleep(0.5)
+        robot.set_speed_scaling(0.1)
+        await asyncio.sleep(motion.duration)
+        assert not motion.done
+        robot.set_speed_scaling(1.0)
+        await motion.wait()
 
 
-def test_speed_scaling_is_rejected_if_the_controller_cannot_be_slowed():
-    async def scenario():
-        async with robot_cell(profile='abb') as (robot, _):
-            motion = await started(robot, 'joints')
-            await asyncio.sleep(0.7)
-            for factor in (0.0, 0.5):
-                with pytest.raises(RobotError, match=r'the controller has all points'):
-                    robot.set_speed_scaling(factor)
-            assert robot.speed_scaling == 1.0
-            await motion.wait()
-        async with robot_cell(profile='fanuc') as (robot, _):
-            with pytest.raises(RobotError, match=r'factor = 0\.5: this controller i'):
-                robot.set_speed_scaling(0.5)
-            error = await motion_error(robot.move_joints(FAR, speed=0.01))
-            assert 'override of its pendant' in str(error)
-            assert 'require_planned_speed=False' in str(error)
-
-    run(scenario())
+async def test_speed_scaling_is_rejected_if_the_controller_cannot_be_slowed():
+    async with robot_cell(profile='abb') as (robot, _):
+        motion = await started(robot, 'joints')
+        await asyncio.sleep(0.7)
+        for factor in (0.0, 0.5):
+            with pytest.raises(RobotError, match=r'the controller has all points'):
+                robot.set_speed_scaling(factor)
+        assert robot.speed_scaling == 1.0
+        await motion.wait()
+    async with robot_cell(profile='fanuc') as (robot, _):
+        with pytest.raises(RobotError, match=r'factor = 0\.5: this controller i'):
+            robot.set_speed_scaling(0.5)
+        error = await motion_error(robot.move_joints(FAR, speed=0.01))
+        assert 'override of its pendant' in str(error)
+        assert 'require_planned_speed=False' in str(error)
 
 
 # --- rejected motions --------------------------------------------------------------------------
 
 
 @pytest.mark.invariant(1, 4)
-def test_move_before_enable_is_rejected_with_remedy():
-    async def scenario():
-        async with robot_cell(enabled=False) as (robot, _):
-            error = await motion_error(robot.move_joints(FAR))
-            assert 'the arm is not enabled' in str(error)
-            assert 'call enable()' in str(error)
-            assert error.code is ErrorCode.INVALID_GOAL
-            await asyncio.sleep(1.0)
-            assert not robot.joints.any()
-
-    run(scenario())
+async def test_move_before_enable_is_rejected_with_remedy():
+    async with robot_cell(enabled=False) as (robot, _):
+        error = await motion_error(robot.move_joints(FAR))
+        assert 'the arm is not enabled' in str(error)
+        assert 'call enable()' in str(error)
+        assert error.code is ErrorCode.INVALID_GOAL
+        await asyncio.sleep(1.0)
+        assert not robot.joints.any()
 
 
-def test_move_is_rejected_while_another_runs():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            motion = await robot.move_joints([0.3, 0, 0, 0, 0, 0], speed=0.1, wait=False)
-            for again in (
-                robot.move_joints(HOME),
-                robot.move_waypoints([HOME]),
-                robot.move_trajectory([1.0], [HOME]),
-            ):
-                assert 'another motion runs' in str(await motion_error(again))
-            await motion.wait()
-            assert robot.joints[0] == pytest.approx(0.3, abs=0.01)
-
-    run(scenario())
+async def test_move_is_rejected_while_another_runs():
+    async with robot_cell() as (robot, _):
+        motion = await robot.move_joints([0.3, 0, 0, 0, 0, 0], speed=0.1, wait=False)
+        for again in (
+            robot.move_joints(HOME),
+            robot.move_waypoints([HOME]),
+            robot.move_trajectory([1.0], [HOME]),
+        ):
+            assert 'another motion runs' in str(await motion_error(again))
+        await motion.wait()
+        assert robot.joints[0] == pytest.approx(0.3, abs=0.01)
 
 
 @pytest.mark.invariant(1)
-def test_trajectory_from_another_position_is_rejected():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            error = await motion_error(robot.move_trajectory([0.0, 5.0], [FAR, HOME]))
-            assert 'the trajectory starts at 1.5 rad, the joint is at 0 rad' in str(error)
-
-    run(scenario())
+async def test_trajectory_from_another_position_is_rejected():
+    async with robot_cell() as (robot, _):
+        error = await motion_error(robot.move_trajectory([0.0, 5.0], [FAR, HOME]))
+        assert 'the trajectory starts at 1.5 rad, the joint is at 0 rad' in str(error)
 
 
 # --- stops -----------------------------------------------------------------------
 
 
 @pytest.mark.invariant(3, 4, 5)
-def test_estop_ends_the_motion_and_only_enable_permits_the_next():
-    async def scenario():
-        pressed, errors = [], []
-        async with robot_cell() as (robot, controller):
-            robot.on_estop(pressed.append)
-            robot.on_error(errors.append)
-            motion = await moving_slowly(robot)
-            controller.apply(Event.ESTOP_PRESS)
-            error = await motion_error(motion.wait())
-            assert 'E-stop is pressed' in str(error)
-            assert error.end is End.ABORTED
-            assert pressed == [True]
-            status = robot.status
-            assert status.e_stopped
-            assert not status.enabled
-            assert 'E-stop' in status.text
-            assert 'call reset()' in status.remedy
-            with pytest.raises(RobotError, match=r'call reset\(\)'):
-                await robot.enable()
-            with pytest.raises(
-                RobotError, match=r'^the E-stop is pressed or not reset.*; release it, '
-            ):
-                await robot.reset()
-            controller.apply(Event.ESTOP_RELEASE)
-            assert 'until it is enabled' in await robot.reset()
-            with pytest.raises(aio.ArgumentError, match='enable'):
-                await robot.reset(enable='yes')
-            assert pressed == [True, False]
-            assert 'not enabled (the E-stop was pressed, error 2261' in robot.status.text
-            assert 'not enabled' in str(await motion_error(robot.move_joints(HOME)))
-            assert await robot.reset(enable=True) == 'the arm is enabled'
-            await robot.move_joints(HOME)
-
-    run(scenario())
-
-
-def test_paused_controller_is_reported_with_remedy():
-    async def scenario():
-        async with robot_cell() as (robot, controller):
-            await moving_slowly(robot)
-            controller.apply(Event.PAUSE)
-            await until(lambda: robot.status.paused)
-            assert robot.status.text.startswith('the controller is paused')
-            assert robot.status.remedy == 'continue at the controller, or start main'
-
-    run(scenario())
-
-
-def test_controller_error_is_reported_and_reset_clears_it():
-    async def scenario():
-        errors = []
-        async with robot_cell() as (robot, controller):
-            robot.on_error(errors.append)
-            motion = await moving_slowly(robot)
-            controller.servo_error(0)
-            assert 'error' in str(await motion_error(motion.wait()))
-            (error,) = errors
-            assert error.number
-            assert str(error.number) in error.text
-            assert robot.status.error == error
-            await until(lambda: not robot.status.moving)
+async def test_estop_ends_the_motion_and_only_enable_permits_the_next():
+    pressed, errors = [], []
+    async with robot_cell() as (robot, controller):
+        robot.on_estop(pressed.append)
+        robot.on_error(errors.append)
+        motion = await moving_slowly(robot)
+        controller.apply(Event.ESTOP_PRESS)
+        error = await motion_error(motion.wait())
+        assert 'E-stop is pressed' in str(error)
+        assert error.end is End.ABORTED
+        assert pressed == [True]
+        status = robot.status
+        assert status.e_stopped
+        assert not status.enabled
+        assert 'E-stop' in status.text
+        assert 'call reset()' in status.remedy
+        with pytest.raises(RobotError, match=r'call reset\(\)'):
+            await robot.enable()
+        with pytest.raises(
+            RobotError, match=r'^the E-stop is pressed or not reset.*; release it, '
+        ):
             await robot.reset()
-            assert errors[1:] == [None]
+        controller.apply(Event.ESTOP_RELEASE)
+        assert 'until it is enabled' in await robot.reset()
+        with pytest.raises(aio.ArgumentError, match='enable'):
+            await robot.reset(enable='yes')
+        assert pressed == [True, False]
+        assert 'not enabled (the E-stop was pressed, error 2261' in robot.status.text
+        assert 'not enabled' in str(await motion_error(robot.move_joints(HOME)))
+        assert await robot.reset(enable=True) == 'the arm is enabled'
+        await robot.move_joints(HOME)
 
-    run(scenario())
+
+async def test_paused_controller_is_reported_with_remedy():
+    async with robot_cell() as (robot, controller):
+        await moving_slowly(robot)
+        controller.apply(Event.PAUSE)
+        await until(lambda: robot.status.paused)
+        assert robot.status.text.startswith('the controller is paused')
+        assert robot.status.remedy == 'continue at the controller, or start main'
+
+
+async def test_controller_error_is_reported_and_reset_clears_it():
+    errors = []
+    async with robot_cell() as (robot, controller):
+        robot.on_error(errors.append)
+        motion = await moving_slowly(robot)
+        controller.servo_error(0)
+        assert 'error' in str(await motion_error(motion.wait()))
+        (error,) = errors
+        assert error.number
+        assert str(error.number) in error.text
+        assert robot.status.error == error
+        await until(lambda: not robot.status.moving)
+        await robot.reset()
+        assert errors[1:] == [None]
 
 
 @pytest.mark.invariant(3, 4, 5, 6)
-def test_cut_state_link_ends_the_motion_and_reading_joints_raises():
-    async def scenario():
-        links = []
-        async with robot_cell() as (robot, controller):
-            robot.on_link(lambda name, _why: links.append(name))
-            motion = await moving_slowly(robot)
-            controller.faults.start(parse('cut port=state for=0.5'))
-            assert 'the state link was lost' in str(await motion_error(motion.wait()))
-            with pytest.raises(RobotError, match='no joint state'):
-                _ = robot.joints
-            await until(lambda: links and links[-1] == 'connected')
-            assert 'backing_off' in links
-            assert 'not enabled' in str(await motion_error(robot.move_joints(HOME)))
-
-    run(scenario())
+async def test_cut_state_link_ends_the_motion_and_reading_joints_raises():
+    links = []
+    async with robot_cell() as (robot, controller):
+        robot.on_link(lambda name, _why: links.append(name))
+        motion = await moving_slowly(robot)
+        controller.faults.start(parse('cut port=state for=0.5'))
+        assert 'the state link was lost' in str(await motion_error(motion.wait()))
+        with pytest.raises(RobotError, match='no joint state'):
+            _ = robot.joints
+        await until(lambda: links and links[-1] == 'connected')
+        assert 'backing_off' in links
+        assert 'not enabled' in str(await motion_error(robot.move_joints(HOME)))
 
 
 @pytest.mark.invariant(3, 9)
-def test_raising_callback_stops_the_arm_and_is_reported():
-    async def scenario():
-        reported = []
-        asyncio.get_running_loop().set_exception_handler(
-            lambda _loop, context: reported.append(str(context['exception']))
-        )
-        async with robot_cell() as (robot, controller):
-            motion = await moving_slowly(robot)
+async def test_raising_callback_stops_the_arm_and_is_reported():
+    reported = []
+    asyncio.get_running_loop().set_exception_handler(
+        lambda _loop, context: reported.append(str(context['exception']))
+    )
+    async with robot_cell() as (robot, controller):
+        motion = await moving_slowly(robot)
 
-            def fail(_name, _why):
-                raise ZeroDivisionError('mine')
+        def fail(_name, _why):
+            raise ZeroDivisionError('mine')
 
-            robot.on_link(fail)
-            controller.faults.start(parse('cut port=motion for=0.5'))
-            await motion_error(motion.wait())
-            assert not robot.status.enabled
-            assert 'mine' in reported
-
-    run(scenario())
+        robot.on_link(fail)
+        controller.faults.start(parse('cut port=motion for=0.5'))
+        await motion_error(motion.wait())
+        assert not robot.status.enabled
+        assert 'mine' in reported
 
 
-def test_removed_callback_is_not_called():
-    async def scenario():
-        calls = []
-        async with robot_cell() as (robot, controller):
-            with pytest.raises(aio.ArgumentError, match='callback = 3: must be a function'):
-                robot.on_estop(3)
-            remove = robot.on_estop(calls.append)
-            remove()
-            remove()
-            controller.apply(Event.ESTOP_PRESS)
-            await until(lambda: robot.status.e_stopped)
-            assert calls == []
-
-    run(scenario())
+async def test_removed_callback_is_not_called():
+    calls = []
+    async with robot_cell() as (robot, controller):
+        with pytest.raises(aio.ArgumentError, match='callback = 3: must be a function'):
+            robot.on_estop(3)
+        remove = robot.on_estop(calls.append)
+        remove()
+        remove()
+        controller.apply(Event.ESTOP_PRESS)
+        await until(lambda: robot.status.e_stopped)
+        assert calls == []
 
 
 @pytest.mark.invariant(3)
 @pytest.mark.parametrize('error', [ZeroDivisionError, KeyboardInterrupt, None])
-def test_leaving_the_context_manager_stops_the_arm(error):
-    async def scenario():
-        async with simulated() as (controller, ports):
-            robot = Robot(
-                motion_port=ports.motion, state_port=ports.state, remote_port=ports.remote
-            )
-            try:
-                async with robot:
-                    await robot.enable()
-                    motion = await moving_slowly(robot)
-                    if error is not None:
-                        raise error
-            except (ZeroDivisionError, KeyboardInterrupt):
-                pass
-            assert motion.text == 'stopped on request, the arm is at rest'
-            there = controller.arm.commanded
-            await asyncio.sleep(1.0)
-            assert np.array_equal(there, controller.arm.commanded)
-            with pytest.raises(RobotError, match=r'no connection .*call connect\(\)'):
-                _ = robot.joints
-
-    run(scenario())
+async def test_leaving_the_context_manager_stops_the_arm(error):
+    async with simulated() as (controller, ports):
+        robot = Robot(motion_port=ports.motion, state_port=ports.state, remote_port=ports.remote)
+        try:
+            async with robot:
+                await robot.enable()
+                motion = await moving_slowly(robot)
+                if error is not None:
+                    raise error
+        except (ZeroDivisionError, KeyboardInterrupt):
+            pass
+        assert motion.text == 'stopped on request, the arm is at rest'
+        there = controller.arm.commanded
+        await asyncio.sleep(1.0)
+        assert np.array_equal(there, controller.arm.commanded)
+        with pytest.raises(RobotError, match=r'no connection .*call connect\(\)'):
+            _ = robot.joints
 
 
 @pytest.mark.invariant(9)
-def test_driver_defect_ends_the_motion_and_is_reported(monkeypatch):
-    async def scenario():
-        reported = []
-        asyncio.get_running_loop().set_exception_handler(
-            lambda _loop, context: reported.append(context)
-        )
-        async with robot_cell() as (robot, _):
-            motion = await moving_slowly(robot)
+async def test_driver_defect_ends_the_motion_and_is_reported(monkeypatch):
+    reported = []
+    asyncio.get_running_loop().set_exception_handler(
+        lambda _loop, context: reported.append(context)
+    )
+    async with robot_cell() as (robot, _):
+        motion = await moving_slowly(robot)
 
-            def fail(_sample, _now):
-                raise ZeroDivisionError('a defect')
+        def fail(_sample, _now):
+            raise ZeroDivisionError('a defect')
 
-            monkeypatch.setattr(robot._connection.driver.goal_queue, 'on_joints', fail)
-            await motion_error(motion.wait())
-            await until(lambda: robot._connection.task.done())
-            with pytest.raises(RobotError, match=r'the driver has ended .*a defect'):
-                await robot.enable()
-            assert reported
-
-    run(scenario())
+        monkeypatch.setattr(robot._connection.driver.goal_queue, 'on_joints', fail)
+        await motion_error(motion.wait())
+        await until(lambda: robot._connection.task.done())
+        with pytest.raises(RobotError, match=r'the driver has ended .*a defect'):
+            await robot.enable()
+        assert reported
 
 
 # --- connecting -------------------------------------------------------------------------------
 
 
-def test_connect_without_listener_names_port_and_remedy():
-    async def scenario():
-        port = vacant_port()
-        robot = Robot(motion_port=port, state_port=port, io_port=0)
-        with pytest.raises(RobotError) as caught:
-            await robot.connect(timeout=2.0)
-        assert f'state link to port {port}' in str(caught.value)
-        assert 'refused' in str(caught.value)
-        assert 'check host and ports' in str(caught.value)
-
-    run(scenario())
+async def test_connect_without_listener_names_port_and_remedy():
+    port = vacant_port()
+    robot = Robot(motion_port=port, state_port=port, io_port=0)
+    with pytest.raises(RobotError) as caught:
+        await robot.connect(timeout=2.0)
+    assert f'state link to port {port}' in str(caught.value)
+    assert 'refused' in str(caught.value)
+    assert 'check host and ports' in str(caught.value)
 
 
 @pytest.mark.parametrize(
     ('shows', 'missing'),
     [('shows_joints', 'no joint state'), ('shows_status', 'sends no STATUS')],
 )
-def test_connect_names_the_missing_message(shows, missing):
-    async def scenario():
-        async with ScriptedController() as controller:
-            setattr(controller, shows, False)
-            ports = controller.ports
-            robot = Robot(motion_port=ports.motion, state_port=ports.state, io_port=0)
-            with pytest.raises(RobotError, match=missing):
-                await robot.connect(timeout=2.0)
-
-    run(scenario())
+async def test_connect_names_the_missing_message(shows, missing):
+    async with ScriptedController() as controller:
+        setattr(controller, shows, False)
+        ports = controller.ports
+        robot = Robot(motion_port=ports.motion, state_port=ports.state, io_port=0)
+        with pytest.raises(RobotError, match=missing):
+            await robot.connect(timeout=2.0)
 
 
-def test_robot_reconnects_but_rejects_a_second_connect():
-    async def scenario():
-        async with simulated() as (_, ports):
-            robot = Robot(
-                motion_port=ports.motion, state_port=ports.state, remote_port=ports.remote
-            )
-            for _ in range(2):
+async def test_robot_reconnects_but_rejects_a_second_connect():
+    async with simulated() as (_, ports):
+        robot = Robot(motion_port=ports.motion, state_port=ports.state, remote_port=ports.remote)
+        for _ in range(2):
+            await robot.connect()
+            with pytest.raises(RobotError, match='already connected'):
                 await robot.connect()
-                with pytest.raises(RobotError, match='already connected'):
-                    await robot.connect()
-                await robot.enable()
-                await robot.close()
+            await robot.enable()
             await robot.close()
-
-    run(scenario())
+        await robot.close()
 
 
 # --- I/O --------------------------------------------------------------------------------------
@@ -588,46 +503,37 @@ async def test_connect_enables_the_arm_only_with_enable_true():
             assert not asking.status.enabled
 
 
-def test_io_reads_writes_and_rejects_bad_requests():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            await robot.io.write('DO', 3, 1)
-            assert await robot.io.read('DO', 3) == 1
-            assert await robot.io.read('DI', 0) == 0
-            with pytest.raises(RobotError, match='DI 9999: the controller has 0 to'):
-                await robot.io.read('DI', 9999)
-            with pytest.raises(RobotError, match='an input cannot be written'):
-                await robot.io.write('DI', 0, 1)
-            with pytest.raises(ValueError, match="kind = 'XY'"):
-                await robot.io.read('XY', 0)
-
-    run(scenario())
+async def test_io_reads_writes_and_rejects_bad_requests():
+    async with robot_cell() as (robot, _):
+        await robot.io.write('DO', 3, 1)
+        assert await robot.io.read('DO', 3) == 1
+        assert await robot.io.read('DI', 0) == 0
+        with pytest.raises(RobotError, match='DI 9999: the controller has 0 to'):
+            await robot.io.read('DI', 9999)
+        with pytest.raises(RobotError, match='an input cannot be written'):
+            await robot.io.write('DI', 0, 1)
+        with pytest.raises(ValueError, match="kind = 'XY'"):
+            await robot.io.read('XY', 0)
 
 
-def test_io_without_a_port_is_rejected():
-    async def scenario():
-        async with ScriptedController() as controller:
-            ports = controller.ports
-            async with Robot(motion_port=ports.motion, state_port=ports.state, io_port=0) as robot:
-                with pytest.raises(RobotError, match='I/O is not used: its port is 0'):
-                    await robot.io.read('DI', 0)
-
-    run(scenario())
+async def test_io_without_a_port_is_rejected():
+    async with ScriptedController() as controller:
+        ports = controller.ports
+        async with Robot(motion_port=ports.motion, state_port=ports.state, io_port=0) as robot:
+            with pytest.raises(RobotError, match='I/O is not used: its port is 0'):
+                await robot.io.read('DI', 0)
 
 
 @pytest.mark.parametrize('profile', one_in(2, ['rc700a', 'spel', 'motoman']))
-def test_io_works_on_every_backend(profile):
-    async def scenario():
-        async with robot_cell(profile=profile, enabled=False) as (robot, controller):
-            controller.io.set_input(IoType.DIGITAL_INPUT, 3, 1)
-            await until(lambda: not robot._connection.driver.io.reason)
-            assert await robot.io.read('DI', 3) == 1
-            await robot.io.write('DO', 3, 1)
-            assert await robot.io.read('DO', 3) == 1
-            with pytest.raises(RobotError, match='DI 9999: the controller has 0 to'):
-                await robot.io.read('DI', 9999)
-
-    run(scenario())
+async def test_io_works_on_every_backend(profile):
+    async with robot_cell(profile=profile, enabled=False) as (robot, controller):
+        controller.io.set_input(IoType.DIGITAL_INPUT, 3, 1)
+        await until(lambda: not robot._connection.driver.io.reason)
+        assert await robot.io.read('DI', 3) == 1
+        await robot.io.write('DO', 3, 1)
+        assert await robot.io.read('DO', 3) == 1
+        with pytest.raises(RobotError, match='DI 9999: the controller has 0 to'):
+            await robot.io.read('DI', 9999)
 
 
 def test_gripper_opens_closes_holds_and_reports_stuck_jaws():
@@ -672,17 +578,14 @@ def test_aborted_motion_is_logged_only_if_never_awaited(caplog):
     run(scenario())
 
 
-def test_io_type_names_may_be_lower_case():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            await robot.io.write('do', 3, 1)
-            assert await robot.io.read('Do', 3) == 1
-            assert await robot.io.read('FLAG', 0) == 0
-            for wrong in ('dx', 3):
-                with pytest.raises(ValueError, match='must be DI or DO'):
-                    await robot.io.read(wrong, 3)
-
-    run(scenario())
+async def test_io_type_names_may_be_lower_case():
+    async with robot_cell() as (robot, _):
+        await robot.io.write('do', 3, 1)
+        assert await robot.io.read('Do', 3) == 1
+        assert await robot.io.read('FLAG', 0) == 0
+        for wrong in ('dx', 3):
+            with pytest.raises(ValueError, match='must be DI or DO'):
+                await robot.io.read(wrong, 3)
 
 
 @pytest.mark.invariant(9)
@@ -697,30 +600,24 @@ def test_inv9_gripper_without_any_input_signal_holds_no_object():
     run(scenario())
 
 
-def test_gripper_without_wiring_is_rejected():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            with pytest.raises(RobotError, match='no gripper is configured'):
-                await robot.gripper.open()
-        with pytest.raises(RobotError, match=r'call connect\(\)'):
+async def test_gripper_without_wiring_is_rejected():
+    async with robot_cell() as (robot, _):
+        with pytest.raises(RobotError, match='no gripper is configured'):
             await robot.gripper.open()
-
-    run(scenario())
+    with pytest.raises(RobotError, match=r'call connect\(\)'):
+        await robot.gripper.open()
 
 
 @pytest.mark.invariant(5)
-def test_point_rejected_by_the_controller_ends_the_motion():
-    async def scenario():
-        async with ScriptedController(reply=lambda sequence: answer(2, sequence)) as controller:
-            ports = controller.ports
-            async with Robot(motion_port=ports.motion, state_port=ports.state, io_port=0) as robot:
-                robot._connection.driver.stopper.goal_reached()
-                with robot._connection.driver.gate.enabling() as enabling:
-                    robot._connection.driver.gate.open(enabling)
-                error = await motion_error(robot.move_joints([0.2, 0, 0, 0, 0, 0]))
-                assert 'the controller refused point 0 of 1' in str(error)
-
-    run(scenario())
+async def test_point_rejected_by_the_controller_ends_the_motion():
+    async with ScriptedController(reply=lambda sequence: answer(2, sequence)) as controller:
+        ports = controller.ports
+        async with Robot(motion_port=ports.motion, state_port=ports.state, io_port=0) as robot:
+            robot._connection.driver.stopper.goal_reached()
+            with robot._connection.driver.gate.enabling() as enabling:
+                robot._connection.driver.gate.open(enabling)
+            error = await motion_error(robot.move_joints([0.2, 0, 0, 0, 0, 0]))
+            assert 'the controller refused point 0 of 1' in str(error)
 
 
 @pytest.mark.invariant(4)

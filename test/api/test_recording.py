@@ -7,7 +7,6 @@ import asyncio
 import numpy as np
 import pytest
 from support.api_harness import robot_cell
-from support.event_loop import run
 from support.examples import one_in
 
 from epson_driver.aio import ArgumentError, Recording, Robot, RobotError
@@ -41,62 +40,53 @@ def max_distance(rows, others):
 
 
 @pytest.mark.parametrize('profile', one_in(3, ['generic', 'simulated', 'motoman']))
-def test_replay_follows_the_recorded_path_in_the_recorded_time(profile):
-    async def scenario():
-        async with robot_cell(profile=profile, smooth=profile != 'generic') as (robot, _):
-            recording = await recorded(robot)
-            again = robot.record()
-            motion = await robot.replay(recording)
-            again.stop()
-            assert motion.duration == pytest.approx(recording.duration - 0.5, abs=0.2)
-            assert max_distance(again.positions, recording.positions) < 0.005
-            assert max_distance(recording.positions, again.positions) < 0.005
-            assert again.duration == pytest.approx(motion.duration, abs=0.5)
-            slow = await robot.replay(recording, speed=0.5)
-            assert slow.duration == pytest.approx(2.0 * motion.duration, abs=0.05)
-            assert len(recording) > 50
-
-    run(scenario())
+async def test_replay_follows_the_recorded_path_in_the_recorded_time(profile):
+    async with robot_cell(profile=profile, smooth=profile != 'generic') as (robot, _):
+        recording = await recorded(robot)
+        again = robot.record()
+        motion = await robot.replay(recording)
+        again.stop()
+        assert motion.duration == pytest.approx(recording.duration - 0.5, abs=0.2)
+        assert max_distance(again.positions, recording.positions) < 0.005
+        assert max_distance(recording.positions, again.positions) < 0.005
+        assert again.duration == pytest.approx(motion.duration, abs=0.5)
+        slow = await robot.replay(recording, speed=0.5)
+        assert slow.duration == pytest.approx(2.0 * motion.duration, abs=0.05)
+        assert len(recording) > 50
 
 
 @pytest.mark.slow
-def test_replay_from_a_file_first_moves_to_the_start(tmp_path):
-    async def scenario():
-        async with robot_cell(smooth=True) as (robot, _):
-            recording = await recorded(robot)
-            recording.save(tmp_path / 'demo.yaml')
-            await robot.move_joints([-0.3, *HOME[1:]])
-            again = robot.record()
-            motion = await robot.replay(tmp_path / 'demo.yaml')
-            assert robot.joints == pytest.approx(HOME, abs=1e-3)
-            path = again.positions
-            start = np.abs(path - HOME).max(axis=1).argmin()
-            assert max_distance(path[start:], recording.positions) < 0.005
-            assert motion.duration > recording.duration - 0.5
-            read = Recording.load(tmp_path / 'demo.yaml')
-            assert read.positions == pytest.approx(recording.positions, abs=1e-8)
-            assert read.times == pytest.approx(recording.times, abs=1e-8)
-
-    run(scenario())
+async def test_replay_from_a_file_first_moves_to_the_start(tmp_path):
+    async with robot_cell(smooth=True) as (robot, _):
+        recording = await recorded(robot)
+        recording.save(tmp_path / 'demo.yaml')
+        await robot.move_joints([-0.3, *HOME[1:]])
+        again = robot.record()
+        motion = await robot.replay(tmp_path / 'demo.yaml')
+        assert robot.joints == pytest.approx(HOME, abs=1e-3)
+        path = again.positions
+        start = np.abs(path - HOME).max(axis=1).argmin()
+        assert max_distance(path[start:], recording.positions) < 0.005
+        assert motion.duration > recording.duration - 0.5
+        read = Recording.load(tmp_path / 'demo.yaml')
+        assert read.positions == pytest.approx(recording.positions, abs=1e-8)
+        assert read.times == pytest.approx(recording.times, abs=1e-8)
 
 
-def test_recording_has_the_requested_rate_and_ends_with_the_connection():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            at_100, unthrottled = robot.record(rate=100.0), robot.record()
-            await asyncio.sleep(2.0)
-            at_100.stop()
-            await asyncio.sleep(1.0)
-        assert len(at_100) == pytest.approx(200, abs=6)
-        assert len(unthrottled) == pytest.approx(546, abs=12)  # STATUS messages take some slots
-        assert np.diff(at_100.times).min() > 0.0
-        count = len(unthrottled)
-        async with robot_cell():
-            await asyncio.sleep(0.2)
-        assert len(unthrottled) == count
-        assert repr(at_100).startswith('<Recording: ')
-
-    run(scenario())
+async def test_recording_has_the_requested_rate_and_ends_with_the_connection():
+    async with robot_cell() as (robot, _):
+        at_100, unthrottled = robot.record(rate=100.0), robot.record()
+        await asyncio.sleep(2.0)
+        at_100.stop()
+        await asyncio.sleep(1.0)
+    assert len(at_100) == pytest.approx(200, abs=6)
+    assert len(unthrottled) == pytest.approx(546, abs=12)  # STATUS messages take some slots
+    assert np.diff(at_100.times).min() > 0.0
+    count = len(unthrottled)
+    async with robot_cell():
+        await asyncio.sleep(0.2)
+    assert len(unthrottled) == count
+    assert repr(at_100).startswith('<Recording: ')
 
 
 def recording_of(times, positions, names=LIMITS.names):
@@ -130,15 +120,12 @@ STEP = np.array([0.1, 0, 0, 0, 0, 0])
         (recording_of([0.0, 0.1], [STEP, 20 * STEP]), 1.0, r'recording: .*joint_1'),
     ],
 )
-def test_invalid_recording_is_rejected_and_nothing_moves(recording, speed, expected):
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            before = robot.joints
-            with pytest.raises(RobotError, match=expected):
-                await robot.replay(recording, speed=speed)
-            assert robot.joints == pytest.approx(before, abs=1e-6)
-
-    run(scenario())
+async def test_invalid_recording_is_rejected_and_nothing_moves(recording, speed, expected):
+    async with robot_cell() as (robot, _):
+        before = robot.joints
+        with pytest.raises(RobotError, match=expected):
+            await robot.replay(recording, speed=speed)
+        assert robot.joints == pytest.approx(before, abs=1e-6)
 
 
 def test_invalid_file_and_missing_connection_are_reported(tmp_path):
