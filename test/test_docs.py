@@ -74,14 +74,6 @@ def test_index_lists_every_page() -> None:
         assert page.name == 'README.md' or f']({page.name})' in index, page.name
 
 
-def test_index_lists_every_executable() -> None:
-    from epson_driver.processes.command import EXECUTABLES
-
-    text = (ROOT / 'docs' / 'README.md').read_text(encoding='utf-8')
-    for name in EXECUTABLES:
-        assert f'`{name}`' in text, f'docs/README.md does not mention {name}'
-
-
 def test_every_documented_invariant_has_tests() -> None:
     page = (ROOT / 'docs' / 'invariants.md').read_text(encoding='utf-8')
     described = re.findall(r'(?m)^(\d+)\. [A-Z]', page)

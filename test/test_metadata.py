@@ -41,17 +41,6 @@ def test_manifest_is_valid_for_release_tools(path: Path) -> None:
     assert package.licenses == ['Apache-2.0']
 
 
-def test_setup_requires_no_ros_package(setup_arguments: dict[str, Any]) -> None:
-    """`pip install epson_driver` alone gives the Python API (docs/python.md)."""
-    assert setup_arguments['install_requires'] == [
-        'numpy',
-        'ruckig',
-        'PyYAML',
-        'rich',
-        'xacro',
-    ]
-
-
 def test_packages_have_one_version_and_maintainer(
     setup_arguments: dict[str, Any],
 ) -> None:

@@ -69,14 +69,6 @@ def pages() -> dict[Path, Page]:
 
 
 @pytest.mark.slow
-def test_every_page_is_in_the_site(pages: dict[Path, Page]) -> None:
-    made = [ROOT / 'docs' / 'python_api.md', ROOT / 'docs' / 'licences.md']
-    for page in [*ROOT.glob('docs/*.md'), *made, ROOT / 'CONTRIBUTING.md', ROOT / 'README.md']:
-        name = 'index' if page.stem == 'README' else page.stem
-        assert SITE / page.parent.relative_to(ROOT) / f'{name}.html' in pages, page
-
-
-@pytest.mark.slow
 def test_links_within_the_site_are_valid(pages: dict[Path, Page]) -> None:
     wrong = []
     for file, page in pages.items():
