@@ -188,7 +188,7 @@ def test_password_variable_reaches_the_client_and_its_simulation(tmp_path):
 def test_python_arguments_override_the_file(file):
     robot = Robot(str(file), controller='spel')
     assert 'spel, t6_602s' in repr(robot)
-    with pytest.raises(ArgumentError, match='no such file; .epson_driver connect. writes one'):
+    with pytest.raises(ArgumentError, match='no such file; `epson_driver connect` writes'):
         Robot(str(file.with_name('other.yaml')))
 
 
