@@ -292,7 +292,7 @@ class Robot(Motions, Streams):
         """Register a callback for the link state and the reason of its change. See `on_estop`.
 
         The states are disconnected, connecting, connected, and backing_off (waiting for the next
-        attempt). If the motion link and the state link differ, the result is the worse state.
+        attempt). If the motion link and the state link differ, the callback gets the worse state.
         """
         return self._connection.changes.link.add(callback)
 

@@ -80,7 +80,7 @@ class CommandRule:
 
     @property
     def needs_arguments(self) -> bool:
-        """Whether the statement requires an argument, unless it displays the current value."""
+        """Whether the form starts with a required argument."""
         first = self.form.split(',')[0]
         return bool(first) and first[0] != '@' and first[-1] not in '?*'
 

@@ -154,9 +154,9 @@ def frame_between(
 
     `pairs`: two pairs, each of a point in the local and the same point in Local 0 (SPEL+ manual
     p514). If the distances between the points differ, the frame is exact at `fraction` of the line
-    between them. With `base_u`, the U of points changes by the difference of U in the pairs,
-    interpolated at `fraction` (p515). The result has a seventh value, the difference of this
-    change from the frame's own rotation.
+    between them. With `base_u`, the U of points is not rotated with the frame, but increased by
+    the difference of U in the pairs, interpolated at `fraction` (p515). The seventh value of the
+    result is this increase minus the frame's rotation.
     """
     (here, there), (here2, there2) = pairs
     turn = _heading(there, there2) - _heading(here, here2)

@@ -253,8 +253,8 @@ def _span_usage(
     """Return the middles of spans, their hulls, and two masks of the spans.
 
     The hulls are upper bounds of velocity, acceleration and jerk, as multiples of the limits,
-    shape (m, 3). The first mask marks spans in which a position may exceed its limits, the second
-    one those whose result may improve by halving.
+    shape (m, 3). The first mask marks the spans in which a position may exceed its limits. The
+    second mask marks the spans that must be halved to decide whether they respect the limits.
     """
     powers, half = _powers(spans)
     taylor = path.taylor(spans.segment, spans.offset).transpose(0, 2, 1)  # (m, n, 6)
