@@ -127,8 +127,8 @@ class Connection:
             await self._take_over(setup.configuration.address, timeout)
             trace = await self._open_trace()
             driver = setup.make_driver(self)
-            if driver.statements is not None:
-                driver.statements.load = self._load
+            if driver.set_load is not None:
+                driver.set_load(self._load)
             if trace is not None:
                 driver.trace.begin(trace)
             self.driver, self._commands = driver, ArmCommands(driver)
@@ -373,14 +373,15 @@ class Connection:
         return motion
 
     def set_load(self, load: Load) -> None:
-        if not self.setup.configuration.statements:
+        configuration = self.setup.configuration
+        if not (configuration.statements or configuration.real_time):
             raise RobotError(
                 'this kind of controller accepts no payload: set Weight and Inertia in '
                 'its program, or in RC+'
             )
         self._load = load
-        if self.driver is not None and self.driver.statements is not None:
-            self.driver.statements.load = load
+        if self.driver is not None and self.driver.set_load is not None:
+            self.driver.set_load(load)
 
     def set_speed_scaling(self, factor: float) -> None:
         try:

@@ -47,6 +47,9 @@ def main() -> int:
                 parser.error('the controller does not report its model: give --robot MODEL')
             arguments.controller, arguments.robot = seen.profile, seen.model
         arguments.robot = model_name(arguments.robot)
+        checks = question(arguments, LISTENING_S)
+        if checks.profile.program.interface == 'rtmc':
+            parser.error('it has no steps for Real-time Motion Control: see docs/controllers.md')
         about = {
             'address': arguments.address,
             'controller': arguments.controller,
@@ -57,7 +60,7 @@ def main() -> int:
             if record.about[key] != value:
                 rule = f'is for {key} {record.about[key]}: use that, or another --file'
                 raise InputError(f'{printable(path)}: {rule}')
-        run = FirstRun(question(arguments, LISTENING_S), _Keyboard().ask, findings)
+        run = FirstRun(checks, _Keyboard().ask, findings)
         ended = asyncio.run(go_through(run, record, path, lambda text: _say(console, text)))
     except (OSError, InputError) as error:
         parser.error(printable(error))

@@ -37,9 +37,8 @@ async def look(arguments: argparse.Namespace) -> Look:
     name = arguments.controller
     usual = load_controller_profile(name).remote.password if name else ''
     password = password_in(arguments.password_variable, usual)
-    result = await look_at(
-        arguments.address, password, arguments.remote_port, arguments.state_port
-    )
+    ports = (arguments.remote_port, arguments.state_port, 0 if name else arguments.motion_port)
+    result = await look_at(arguments.address, password, *ports)
     result.model = arguments.robot or result.model
     if arguments.controller:
         result.profile, result.why = arguments.controller, 'it was given'
@@ -64,7 +63,9 @@ def question(
         profile=profile,
         model=load_robot_model(arguments.robot or DEFAULT_MODEL),
         state_port=port('state'),
-        motion_port=port('motion'),
+        motion_port=profile.motion_port
+        if arguments.motion_port is None
+        else arguments.motion_port,
         io_port=port('io'),
         remote_port=port('remote'),
         password=password_in(arguments.password_variable, profile.remote.password),

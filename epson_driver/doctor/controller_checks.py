@@ -27,6 +27,8 @@ from epson_driver.doctor.listening import (
 from epson_driver.doctor.port_checks import (
     CHECK_CABLE,
     FELL_SILENT_S,
+    OPTION_UNKNOWN,
+    REAL_TIME,
     report_no_state,
     silence,
 )
@@ -45,6 +47,7 @@ from epson_driver.profiles import ControllerProfile
 from epson_driver.remote_ethernet.answers import ask_positions
 from epson_driver.remote_ethernet.client import RemoteError, logged_in
 from epson_driver.robots import RobotModel
+from epson_driver.rtmc.transport import TransportError, is_there
 from epson_driver.simple_message import Status, TriState
 
 MIN_LISTENING_S = 1.0
@@ -120,9 +123,7 @@ async def _check(question: Question, findings: Findings, ask: Ask | None) -> Fac
     if question.profile.program.interface == 'statements':
         return await _check_remote(question, findings)
     if question.profile.program.interface == 'rtmc':
-        why = 'this controller serves one client of Real-time Motion Control, which is the driver'
-        findings.skipped('controller', why, 'start the driver: it reports what prevents motion')
-        return {}
+        return await _check_real_time(question, findings)
     where = f'{question.host}:{question.state_port}'
     try:
         findings.busy(f'connecting to {where}')
@@ -139,6 +140,25 @@ async def _check(question: Question, findings: Findings, ask: Ask | None) -> Fac
         return {}
     _compare(question.profile, facts, findings)
     return facts
+
+
+async def _check_real_time(question: Question, findings: Findings) -> Facts:
+    where = f'{question.host}, UDP port {question.motion_port}'
+    if not question.may_ask:
+        why = 'not looked for, because a client that leaves may stop the arm'
+        findings.skipped(REAL_TIME, why, 'stop the driver, then permit it with --ask')
+        return {}
+    findings.busy('looking for the controller')
+    try:
+        if await is_there(question.host, question.motion_port):
+            findings.ok(REAL_TIME, f'{where}: the controller is discovered')
+            findings.note('option', *OPTION_UNKNOWN)
+        else:
+            remedy = 'check its address and option, and the firewall for UDP'
+            findings.wrong(REAL_TIME, f'{where}: no controller is discovered', remedy)
+    except TransportError as error:
+        findings.wrong(REAL_TIME, 'not looked for', str(error))
+    return {}
 
 
 async def _check_remote(question: Question, findings: Findings) -> Facts:

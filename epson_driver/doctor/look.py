@@ -4,7 +4,8 @@
 
 Only the remote port and the state ports are opened. A client that leaves a motion or I/O port may
 stop the arm or change outputs. A port that is closed is tried once more after REOPENED_S, because
-the program may be opening it again.
+the program may be opening it again. If no program sends joint states, a DDS participant looks for
+Real-time Motion Control, without a message.
 """
 
 import asyncio
@@ -20,13 +21,14 @@ from epson_driver.doctor.listening import (
     conversation,
     refusal_of,
 )
-from epson_driver.doctor.port_checks import has_joints
+from epson_driver.doctor.port_checks import OPTION_UNKNOWN, REAL_TIME, has_joints
 from epson_driver.doctor.state_facts import state_facts
 from epson_driver.inputs import InputError
 from epson_driver.profiles import load_controller_profile
 from epson_driver.remote_ethernet.answers import ask_identity
 from epson_driver.remote_ethernet.client import HungUpError, RemoteError, logged_in
 from epson_driver.robots.catalogue import model_name
+from epson_driver.rtmc.transport import CONTROLLER_PORT, TransportError, is_there
 
 REMOTE_PORT = 5000
 STATE_PORTS = {
@@ -64,10 +66,15 @@ class Look:
     answers: dict[int, str] = field(default_factory=dict)  # a clause on the service at each port
     refusals: list[Refusal] = field(default_factory=list)
     trouble: tuple[str, str] = ('', '')  # error text of the remote port, and its remedy
+    doubt: tuple[str, str] = ('', '')  # what is unknown of Real-time Motion Control, and a remedy
 
 
 async def look_at(
-    host: str, password: str = '', remote_port: int | None = None, state_port: int | None = None
+    host: str,
+    password: str = '',
+    remote_port: int | None = None,
+    state_port: int | None = None,
+    real_time_port: int | None = None,
 ) -> Look:
     """Identify a controller from its ports.
 
@@ -86,6 +93,8 @@ async def look_at(
     if remote and not look.state_port:
         look.profile = 'remote'
         look.why = 'Remote Ethernet answers, and no program sends joint states'
+    if not (look.state_port or controller):
+        await _discover(look, CONTROLLER_PORT if real_time_port is None else real_time_port)
     if controller:
         look.simulated, look.profile = True, controller
         look.why = 'the simulated controller reports it'
@@ -127,6 +136,17 @@ async def _ask_remote(look: Look, password: str) -> str | None:
     return controller if simulated else ''
 
 
+async def _discover(look: Look, port: int) -> None:
+    try:
+        if port and await is_there(look.host, port):
+            look.profile, look.why = 'rtmc', f'{REAL_TIME} is discovered at UDP port {port}'
+            look.doubt = OPTION_UNKNOWN
+        elif port:
+            look.answers[port] = f'no {REAL_TIME}'
+    except TransportError as error:
+        look.doubt = 'not looked for', str(error)
+
+
 async def _listen(look: Look, port: int) -> ReceivedTraffic | None:
     try:
         async with conversation(look.host, port, sends=True, pause=REOPENED_S) as state:
@@ -151,6 +171,8 @@ def _nearest(traffic: ReceivedTraffic, names: tuple[str, ...]) -> str:
 
 
 def report_look(look: Look, findings: Findings) -> bool:
+    if look.doubt[0]:
+        findings.note(REAL_TIME, *look.doubt)
     ports = ', '.join(f'port {port}: {answer}' for port, answer in sorted(look.answers.items()))
     if not look.profile:
         if look.trouble[0]:

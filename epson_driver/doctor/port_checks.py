@@ -20,6 +20,12 @@ CHECK_CABLE = (
     'unplugged'
 )
 
+REAL_TIME = 'Real-time Motion Control'
+OPTION_UNKNOWN = (
+    'nothing was sent, so whether the option is enabled is unknown',
+    'enable it in RC+, or use --controller remote',
+)
+
 OTHER_PORT_S = 1.5
 
 FELL_SILENT_S = 1.0

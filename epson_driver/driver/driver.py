@@ -13,7 +13,8 @@ from typing import Protocol
 
 from epson_driver.driver.channel import make_channel
 from epson_driver.driver.configuration import Configuration
-from epson_driver.driver.delivery.statements import StatementDelivery
+from epson_driver.driver.delivery.real_time import RealTimeDelivery
+from epson_driver.driver.delivery.statements import Load, StatementDelivery
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.inhibit import Cause, Inhibit, Purpose, second_driver, seen_inhibit
@@ -101,6 +102,10 @@ class Driver:
         delivery = channel.delivery
         self.statements = delivery if isinstance(delivery, StatementDelivery) else None
         """Sends motions as SPEL+ statements. None if the controller receives points instead."""
+        self.set_load: Callable[[Load | None], None] | None = None
+        """Sets the payload for each motion. None if the controller's program sets it."""
+        if isinstance(delivery, StatementDelivery | RealTimeDelivery):
+            self.set_load = delivery.set_load
         self.trace = Trace(channel.all_links)
         rules, mapping = configuration.state_rules, configuration.joint_mapping
         self.robot = robot = RobotState(

@@ -38,7 +38,13 @@ from epson_driver.rtmc.messages import (
 )
 from epson_driver.rtmc.session import RefusedError, RtmcSession
 from epson_driver.rtmc.stream_feeder import StreamFeeder
-from epson_driver.rtmc.transport import Arrival, Connect, TransportError
+from epson_driver.rtmc.transport import (
+    DISCOVERY_PERIOD_S,
+    DISCOVERY_TIMEOUT_S,
+    Arrival,
+    Connect,
+    TransportError,
+)
 from epson_driver.simple_message import (
     Dialect,
     JointPosition,
@@ -52,8 +58,6 @@ from epson_driver.simple_message import (
     topic,
 )
 
-DISCOVERY_TIMEOUT_S = 3.0
-DISCOVERY_PERIOD_S = 0.05
 SAME = 1e-4  # maximum difference of polled joints that counts as rest, rad or m
 
 _log = logging.getLogger(__name__)
@@ -99,6 +103,7 @@ class RtmcLink(Link):
         self._in_motion = False
         self.joints: tuple[float, ...] = (0.0,) * len(limits.names)
         self.joints_at = 0.0
+        self.load: tuple[float, float, int] | None = None
 
     # Requests of the driver.
 

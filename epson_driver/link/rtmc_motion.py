@@ -20,7 +20,14 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.rtmc.conditions import Detail
 from epson_driver.rtmc.cycle import CycleMeter
 from epson_driver.rtmc.feeder import Feeder
-from epson_driver.rtmc.messages import BUFFER_SIZES, JOINTS_DATA, Request, RtmcMessage
+from epson_driver.rtmc.messages import (
+    BUFFER_SIZES,
+    ECCENTRIC_DATA,
+    JOINTS_DATA,
+    WEIGHT_DATA,
+    Request,
+    RtmcMessage,
+)
 from epson_driver.rtmc.session import RefusedError, RtmcSession
 from epson_driver.rtmc.stream_feeder import StreamFeeder
 from epson_driver.simple_message import JointPosition, JointTrajPt, Packet, ReplyCode, reply
@@ -29,9 +36,9 @@ REPLY_TIMEOUT_S = 5.0  # EPSON's library disconnects then
 NO_REPLY = f'no reply for {REPLY_TIMEOUT_S:g} s'
 
 FILL_PERIOD_S = 0.01
-HOLD_S = 0.1
-"""The motion mode stays enabled for this time after a motion, s. The controller's buffer and its
-servos follow the last target with a delay."""
+HOLD_S = 0.08
+"""The motion mode stays enabled for this time and that of a full buffer after a motion, s. The
+controller's buffer and its servos follow the last target with a delay."""
 
 END_TIMEOUT_S = 1.0  # maximum time besides braking before this side closes the connection, s
 AT_REST_ATTEMPTS = 50  # attempts to enable the motion mode, which needs an arm at rest
@@ -52,6 +59,7 @@ class Peer(Protocol):
 
     * session: the current one, or None.
     * joints, joints_at: joints of the last reply, and its time, s.
+    * load: mass, kg, inertia, kg m², and eccentricity, mm, that each motion sets, or None.
     * closing: whether no further motion may start.
     * gone: whether the controller cannot be reached, so that braking is impossible.
     """
@@ -59,12 +67,13 @@ class Peer(Protocol):
     session: RtmcSession | None
     joints: tuple[float, ...]
     joints_at: float
+    load: tuple[float, float, int] | None
     gone: bool
 
     @property
     def closing(self) -> bool: ...
 
-    async def ask(self, number: Request, low: int = 0) -> RtmcMessage:
+    async def ask(self, number: Request, low: int = 0, data: bytes = b'\0') -> RtmcMessage:
         """Send a request, and return the reply. Raises RefusedError, TimeoutError, OSError."""
 
     def lose(self, why: str) -> None:
@@ -215,6 +224,9 @@ class RtmcMotion:
     async def _enable(self) -> Array:
         """Enable the motion mode, and return the arm's position, shape (n,)."""
         peer = self._peer
+        if peer.load is not None:
+            await peer.ask(Request.SET_WEIGHT, data=WEIGHT_DATA.pack(peer.load[0]))
+            await peer.ask(Request.SET_INERTIA, 1, ECCENTRIC_DATA.pack(*peer.load[1:]))
         await peer.ask(Request.SET_POWER, 1)
         for attempt in range(AT_REST_ATTEMPTS):
             joints = (await peer.ask(Request.JOINTS_AT_REST)).values(JOINTS_DATA)
@@ -238,6 +250,10 @@ class RtmcMotion:
         while self._goes_on and not self._cycle.ready:
             await self._wait()
 
+    @property
+    def _hold_time(self) -> float:
+        return HOLD_S + BUFFER * self._cycle.cycle
+
     async def _wait(self) -> None:
         """Wait for one period. End the session if the controller no longer answers."""
         await asyncio.sleep(FILL_PERIOD_S)
@@ -254,7 +270,7 @@ class RtmcMotion:
             _log.exception('real-time motion')
         while self._goes_on and not feeder.at_rest:
             await self._wait()
-        await asyncio.sleep(HOLD_S)
+        await asyncio.sleep(self._hold_time)
 
     async def _feed(self, position: Array, stream: StreamFeeder | None) -> None:
         """Send the targets of one motion, until the arm is at rest."""
@@ -265,15 +281,15 @@ class RtmcMotion:
             feeder = stream
             stream.begin(position, self._cycle.cycle, self._session)
         self._feeder = feeder
-        resting = 0.0
-        while resting < HOLD_S and self._goes_on:
+        resting, hold = 0.0, self._hold_time
+        while resting < hold and self._goes_on:
             while self._points and isinstance(feeder, Feeder) and feeder.has_room:
                 self._accept(feeder, *self._points.popleft())
             feeder.fill()
             if feeder.failed and not feeder.stopped:
                 feeder.stop()
             resting = resting + FILL_PERIOD_S if feeder.at_rest else 0.0
-            self._peer.report_motion(resting < HOLD_S / 2)
+            self._peer.report_motion(resting < hold / 2)
             await self._wait()
         if feeder.failed and not self._problem:
             self.on_problem(feeder.failed)

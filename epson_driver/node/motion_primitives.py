@@ -220,9 +220,9 @@ class MotionPrimitives:
 
     def set_payload(self, mass: float) -> bool:
         """Set the payload that is sent with each motion, kg. Return whether this is supported."""
-        if self._driver.statements is None:
+        if self._driver.set_load is None:
             return False
-        self._driver.statements.load = Load(mass) if mass else None
+        self._driver.set_load(Load(mass) if mass else None)
         return True
 
     async def _prepare(

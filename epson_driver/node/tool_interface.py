@@ -3,7 +3,7 @@
 """The tool (TCP) of motion primitives, the service `~/set_tool`, and frames on `/tf_static`.
 
 The service or the parameters `tool.…` define the pose of the tool in tool0. The payload of a
-request is only sent to controllers that execute statements.
+request is only sent to controllers without a program.
 """
 
 from collections.abc import Mapping

@@ -254,6 +254,11 @@ class ControllerProfile:
     remote: RemoteProfile
     rtmc: RtmcProfile
 
+    @property
+    def motion_port(self) -> int:
+        """The TCP port of the motion server, or the UDP port of Real-time Motion Control."""
+        return self.rtmc.port if self.program.interface == 'rtmc' else self.ports.motion
+
 
 ALIKE = dict.fromkeys(('rc700', 'rc90', 'rc90b', 'rc800', 't', 'vt'), 'rc700a')
 """Controllers that use the profile of another controller, because no difference is known."""

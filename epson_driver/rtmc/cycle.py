@@ -7,6 +7,8 @@ it replies immediately, so the replies show the rate of the driver. A cycle that
 assumed would move the arm faster than planned.
 """
 
+import logging
+
 import numpy as np
 
 SAMPLES = 25  # answers of a measurement
@@ -23,6 +25,8 @@ expected cycle is an upper limit of the measured one."""
 
 PACE_SHARE, PACE_TARGETS = 1.05, 10
 """Tolerance of the pace: share of the time, and number of targets (the controller's buffer)."""
+
+_log = logging.getLogger(__name__)
 
 
 class CycleMeter:
@@ -85,3 +89,4 @@ class CycleMeter:
                 raise ValueError(f'the controller takes a target each {cycle * 1e3:.3g} ms')
             if self._filling > 0 or rounded < self.cycle:
                 self.cycle, self._measured = rounded, True
+                _log.info('real-time motion: the control cycle is %g ms', rounded * 1e3)

@@ -17,8 +17,6 @@ JOINTS = 6
 
 BUFFER_SIZES = (2, 5, 10)
 MAX_PASSWORD_BYTES = 32
-DIGITAL_INPUTS = 24
-DIGITAL_OUTPUTS = 16
 
 MAX_MESSAGE_BYTES = 1024
 
@@ -148,8 +146,8 @@ class OperationMode(IntEnum):
 class RtmcStatus:
     """The status record. `error` and `warning` are the numbers of an error and a warning, or 0.
 
-    `error_details` and `warning_details` contain two numbers with additional information about the
-    error or warning, and the number of the joint.
+    `details` contains two numbers with additional information about the error and the number of
+    the joint, then the same for the warning.
     """
 
     safeguard_open: bool
@@ -157,19 +155,11 @@ class RtmcStatus:
     mode: OperationMode
     error: int = 0
     warning: int = 0
-    error_details: tuple[int, int, int] = (0, 0, 0)
-    warning_details: tuple[int, int, int] = (0, 0, 0)
+    details: tuple[int, ...] = (0,) * 6
 
     def encode(self) -> bytes:
-        return STATUS_DATA.pack(
-            self.safeguard_open,
-            self.estop,
-            self.mode,
-            self.error,
-            self.warning,
-            *self.error_details,
-            *self.warning_details,
-        )
+        flags = (self.safeguard_open, self.estop, self.mode)
+        return STATUS_DATA.pack(*flags, self.error, self.warning, *self.details)
 
     @classmethod
     def decode(cls, message: RtmcMessage) -> 'RtmcStatus':
@@ -177,15 +167,8 @@ class RtmcStatus:
         safeguard, estop, mode, error, warning, *details = message.values(STATUS_DATA)
         if mode not in tuple(OperationMode):
             raise RtmcError(f'status: operation mode {mode}: must be 0, 1 or 2')
-        return cls(
-            bool(safeguard),
-            bool(estop),
-            OperationMode(mode),
-            error,
-            warning,
-            (details[0], details[1], details[2]),
-            (details[3], details[4], details[5]),
-        )
+        flags = (bool(safeguard), bool(estop), OperationMode(mode))
+        return cls(*flags, error, warning, tuple(details))
 
 
 def encode_texts(error: str, warning: str) -> bytes:
@@ -195,17 +178,3 @@ def encode_texts(error: str, warning: str) -> bytes:
         encoded = text.encode() + b'\0' if text else b''
         result += NUMBER_DATA.pack(len(encoded)) + encoded
     return result
-
-
-def decode_texts(message: RtmcMessage) -> tuple[str, str]:
-    """Return the texts of error and warning. Raises RtmcError if the data is incomplete."""
-    texts, rest = [], message.data
-    for _ in range(2):
-        if len(rest) < NUMBER_DATA.size:
-            raise RtmcError(f'message {message.number}: a text is incomplete')
-        (size,) = NUMBER_DATA.unpack_from(rest)
-        text, rest = rest[NUMBER_DATA.size :][:size], rest[NUMBER_DATA.size + size :]
-        if len(text) != size:
-            raise RtmcError(f'message {message.number}: a text is incomplete')
-        texts.append(text.rstrip(b'\0').decode(errors='replace'))
-    return texts[1], texts[0]

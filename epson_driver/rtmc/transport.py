@@ -30,6 +30,9 @@ COMMANDS, REPLIES = b'RTMC_CMD', b'RTMC_RES'
 CONTROLLER_PORT = 7000
 """UDP port at which a controller is discovered."""
 
+DISCOVERY_TIMEOUT_S = 3.0
+DISCOVERY_PERIOD_S = 0.05
+
 MAX_ARRIVALS_PER_TURN = 50
 """Maximum number of arrivals that are handled before other callbacks of the event loop run."""
 
@@ -72,6 +75,7 @@ def library() -> ctypes.CDLL:
         ('without_dds', handle, handle),
         ('receive', None, handle, text, number, ctypes.c_double, index),
         ('event', ctypes.c_int, handle),
+        ('matched', ctypes.c_int, handle),
         ('write', ctypes.c_int, handle, text, number),
         ('request', ctypes.c_int, handle, text, number),
         ('start', ctypes.c_int, handle, values),
@@ -125,6 +129,11 @@ class Transport:
         if result == REFUSED and name != 'take':
             raise TransportError('Fast DDS refused a message')
         return result or 0
+
+    @property
+    def matched(self) -> bool:
+        """Whether a peer is connected."""
+        return bool(self._call('matched'))
 
     def write(self, data: bytes) -> bool:
         """Send a message. Return whether a peer is connected.
@@ -247,3 +256,17 @@ def _opened(host: str, port: int) -> Transport:
     except OSError as error:
         raise TransportError(f'{host}: {error}') from error
     return Transport(own, peer=(peer, port))
+
+
+async def is_there(host: str, port: int) -> bool:
+    """Return whether a controller is discovered, without a message. Raises TransportError."""
+    transport = await connect(host, port)
+    try:
+        async with asyncio.timeout(DISCOVERY_TIMEOUT_S):
+            while not transport.matched:  # noqa: ASYNC110 - no event tells
+                await asyncio.sleep(DISCOVERY_PERIOD_S)
+        return True
+    except TimeoutError:
+        return False
+    finally:
+        await transport.aclose()

@@ -113,9 +113,8 @@ def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
 
     The byte order is excluded, because it is detected. The profile only has the initial one.
     """
-    real_time = profile.program.interface == 'rtmc'
     return {
-        'motion_port': profile.rtmc.port if real_time else profile.ports.motion,
+        'motion_port': profile.motion_port,
         'state_port': profile.ports.state,
         'io_port': profile.ports.io,
         'remote_port': profile.ports.remote,

@@ -4,10 +4,13 @@
 
 import pytest
 from support.api_harness import robot_cell
+from support.event_loop import until
 from support.remote_peer import RemotePeer
+from support.rtmc_cell import goal, rtmc_cell
 
 from epson_driver import Robot, RobotError, aio
 from epson_driver.aio import ArgumentError
+from epson_driver.driver.delivery.statements import Load
 
 HOME = [0.0] * 6
 
@@ -32,6 +35,17 @@ async def test_simulated_controller_applies_the_payload():
         await robot.move_joints([0.1, *HOME[1:]])
         assert controller.spel.values('Weight') == (1.5,)
         assert controller.spel.values('Inertia') == (0.2, 0.0)
+
+
+async def test_payload_is_set_by_real_time_motion_before_each_motion(monkeypatch):
+    async with rtmc_cell(monkeypatch) as (harness, cell):
+        harness.driver.set_load(Load(1.5, 0.2, 0.05))
+        port = cell.port
+        for angle in (0.2, 0.1):
+            port.weight = port.inertia = port.eccentricity = 0
+            await until(lambda: not harness.driver.motion_link.moves)
+            await goal(harness, [angle, *harness.at[1:]]).end()
+            assert (port.weight, port.inertia, port.eccentricity) == (1.5, 0.2, 50)
 
 
 @pytest.mark.parametrize(

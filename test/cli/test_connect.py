@@ -16,6 +16,7 @@ from epson_driver.bringup import client_parameters, controller_arguments, launch
 from epson_driver.bringup.client import INTERFACE
 from epson_driver.cli import connect
 from epson_driver.inputs import InputError
+from epson_driver.rtmc.transport import Transport
 from epson_driver.setup.robot_file import KEYS, is_robot_file, robot_settings, robot_text
 
 T6 = {'robot_ip': '127.0.0.1', 'controller': 'remote', 'robot_model': 't6_602s'}
@@ -101,6 +102,25 @@ def test_file_of_connect_is_accepted_by_doctor_pendant_and_python(tmp_path, prof
             assert len(robot.joints) == 4
     again = command('connect', '127.0.0.1', cwd=tmp_path)
     assert (again.returncode, 'robot.yaml exists' in again.stderr) == (2, True)
+
+
+@pytest.mark.slow
+def test_real_time_motion_is_found_without_a_message_to_the_controller(tmp_path):
+    port, silent = vacant_port(), f'--state-port={vacant_port()}'
+    words = ('connect', '127.0.0.1', '--remote-port=0', silent, f'--motion-port={port}')
+    with Transport('127.0.0.1', port) as rc800:
+        made = command(*words, '--robot=c8_c901s', cwd=tmp_path)
+        assert made.returncode == 0, made.stdout + made.stderr
+        assert 'whether the option is enabled is unknown' in made.stdout
+        settings = robot_settings(str(tmp_path / 'robot.yaml'))
+        assert (settings['controller'], settings['motion_port']) == ('rtmc', port)
+        asked = command('doctor', 'robot.yaml', '--all', '--ask', cwd=tmp_path)
+        assert f'UDP port {port}: the controller is discovered' in asked.stdout, asked.stdout
+        unasked = command('doctor', 'robot.yaml', '--all', cwd=tmp_path)
+        assert 'stop the driver, then permit it with --ask' in unasked.stdout, unasked.stdout
+        assert all(arrival.data is None for arrival in iter(rc800.take, None))
+    asked = command('doctor', 'robot.yaml', '--all', '--ask', cwd=tmp_path)
+    assert 'no controller is discovered' in asked.stdout, asked.stdout
 
 
 @pytest.mark.slow

@@ -55,6 +55,12 @@ def call(monkeypatch, tmp_path):
     return Command(monkeypatch, tmp_path)
 
 
+def test_real_time_motion_has_no_steps(call, capsys):
+    with pytest.raises(SystemExit):
+        call('127.0.0.1', '--controller=rtmc', '--robot=c8_c901s')
+    assert 'see docs/controllers.md' in capsys.readouterr().err
+
+
 def test_answers_are_read_by_line_and_page_is_named_by_address(call, capsys):
     call.typed, call.answers = b'yes\n\xff no\n', 2
     assert call('127.0.0.1', '--state-port=5', '--io-port=0') == 0

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The first look at a controller: which profile and model fit the ports that answer."""
 
+import asyncio
 import re
 
 import pytest
@@ -15,6 +16,7 @@ from epson_driver.doctor.look import look_at, report_look
 from epson_driver.inputs import InputError
 from epson_driver.remote_ethernet import answers
 from epson_driver.remote_ethernet.client import logged_in
+from epson_driver.rtmc.transport import TransportError
 
 
 def looked(profile, *, remote=True, real=False, monkeypatch=None, model=None):
@@ -26,7 +28,7 @@ def looked(profile, *, remote=True, real=False, monkeypatch=None, model=None):
     async def scenario():
         async with simulated(profile=profile, model=model) as (_, ports):
             port = ports.remote if remote else 0
-            result.append(await look_at('127.0.0.1', '', port, ports.state))
+            result.append(await look_at('127.0.0.1', '', port, ports.state, 0))
 
     run(scenario(), 60.0)
     return result[0]
@@ -90,7 +92,7 @@ def test_controller_that_cannot_be_identified_is_wrong(talk, text, remedy):
     async def scenario():
         async with ScriptedPorts(**({} if talk is None else {'remote': talk})) as ports:
             remote = ports.get('remote', vacant_port())
-            result.append(await look_at('127.0.0.1', 'secret', remote, vacant_port()))
+            result.append(await look_at('127.0.0.1', 'secret', remote, vacant_port(), 0))
 
     run(scenario(), 60.0)
     good, found = findings_of(result[0])
@@ -123,9 +125,32 @@ def test_other_client_of_the_remote_port_is_named():
             simulated(profile='remote') as (_, ports),
             logged_in('127.0.0.1', ports.remote, 1000.0),
         ):
-            result.append(await look_at('127.0.0.1', '', ports.remote, ports.state))
+            result.append(await look_at('127.0.0.1', '', ports.remote, ports.state, 0))
 
     run(scenario(), 60.0)
     good, found = findings_of(result[0])
     assert not good
     assert 'another client may be connected' in found[Level.WRONG].text
+
+
+@pytest.mark.parametrize(
+    ('found', 'profile', 'level', 'text'),
+    [
+        (True, 'rtmc', Level.NOTE, 'nothing was sent'),
+        (False, '', Level.WRONG, 'port 7000: no Real-time Motion Control'),
+        (TransportError('build epson_rtmc'), '', Level.NOTE, 'not looked for'),
+    ],
+)
+def test_real_time_motion_is_discovered_or_not(monkeypatch, found, profile, level, text):
+    async def is_there(_host, _port):
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    monkeypatch.setattr('epson_driver.doctor.look.is_there', is_there)
+    look = asyncio.run(look_at('127.0.0.1', '', 0, 0))
+    look.model = 'c8_c901s'
+    good, findings = findings_of(look)
+    assert (look.profile, good) == (profile, found is True)
+    assert text in findings[level].text
+    assert ('epson_rtmc' in findings[level].remedy) is isinstance(found, Exception)

@@ -89,10 +89,11 @@ def test_silent_peer_is_lost(port, how):
 @pytest.mark.invariant(9)
 def test_inv9_process_that_ends_with_an_open_transport_keeps_its_exit_code(port):
     with Transport(HOST, port) as controller:
-        script = CLIENT.replace('sys.stdin.read()', 'sys.exit(3)')
-        command = [sys.executable, '-c', script, str(port)]
-        assert subprocess.run(command).returncode == 3
-        sender, _, _ = arrival(controller)
+        script = CLIENT.replace('sys.stdin.read()', f'client.take({PATIENCE}); sys.exit(3)')
+        with subprocess.Popen([sys.executable, '-c', script, str(port)]) as client:
+            sender, data, _ = arrival(controller)
+            write(controller, data)
+            assert client.wait() == 3
         assert arrival(controller)[:2] == (sender, None)
 
 

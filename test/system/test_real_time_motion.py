@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node and a simulated RC800 with Real-time Motion Control, over DDS."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,12 @@ from support.ros_peer import trajectory
 pytestmark = [pytest.mark.slow, pytest.mark.invariant(3, 4)]
 
 
-def test_goal_estop_reset_and_goal_over_dds(make_cell: Any) -> None:
-    cell = make_cell('--controller=rtmc', controller='rtmc', remote_port=0, io_port=0).ready()
+def test_goal_estop_reset_and_goal_over_dds(make_cell: Any, tmp_path: Path) -> None:
+    slow = tmp_path / 'slow.yaml'  # its buffer lasts 0.2 s, also on a busy machine
+    slow.write_text('like: rtmc\nname: slow\ndescription: slow\nrtmc:\n  cycle: 0.02\n')
+    cell = make_cell(
+        f'--controller={slow}', controller=str(slow), remote_port=0, io_port=0
+    ).ready()
     peer = cell.peer
     peer.enable()
     there = [0.4, *START[1:]]

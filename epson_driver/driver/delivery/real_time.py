@@ -9,11 +9,13 @@ the targets.
 from dataclasses import replace
 
 from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply
+from epson_driver.driver.delivery.statements import Load
 from epson_driver.driver.delivery.streaming import STOP, Streaming
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link.rtmc_link import RtmcLink
 from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.motion.setpoint_tracker import SetpointTracker
+from epson_driver.rtmc.session import MM_PER_M
 from epson_driver.rtmc.stream_feeder import LEAD_S, StreamFeeder
 from epson_driver.simple_message import JointTrajPt, Message, SpecialSequence
 
@@ -28,6 +30,11 @@ class RealTimeDelivery(Streaming):
     ) -> None:
         super().__init__(link, limits, mapping, replace(rules, announces_streams=True))
         self._rtmc = link
+
+    def set_load(self, load: Load | None) -> None:
+        self._rtmc.load = None
+        if load is not None:
+            self._rtmc.load = load.mass, load.inertia, round(load.eccentricity * MM_PER_M)
 
     def tracker(self, limits: JointLimits, start: Array) -> SetpointTracker:
         return StreamFeeder(limits, start, self._rtmc.follow_stream)

@@ -102,8 +102,12 @@ class StatementDelivery(Delivery):
     ) -> None:
         super().__init__(link, limits, mapping, rules)
         self._remote = link
-        self.load: Load | None = None  # that each motion sets; None: the controller's
+        self._load: Load | None = None
         self.arm: Kinematics | None = None  # for detecting straight lines; None: none is detected
+
+    def set_load(self, load: Load | None) -> None:
+        """Set the payload that each motion sets. None: the controller's."""
+        self._load = load
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return one joint move to the last point, or one line if tool 0 moves on a line.
@@ -175,7 +179,7 @@ class StatementDelivery(Delivery):
     @property
     def _settings(self) -> str:
         power = f'Power {self._rules.power.capitalize()}'
-        return f'{"" if self.load is None else self.load.text}{power}'
+        return f'{"" if self._load is None else self._load.text}{power}'
 
     def _point(self, joints: Array) -> str:
         values = self._mapping.positions_to_controller(joints)

@@ -89,7 +89,7 @@ class RtmcPort:
         self._client: int | None = None
         self._transport: FaultyTransport | None = None  # to the client
         self._pending: Array | None = None  # a target that waits for room in the buffer
-        self._weight, self._inertia, self._eccentricity = 0.0, 0.0, 0
+        self.weight, self.inertia, self.eccentricity = 0.0, 0.0, 0
         self._notices: Timer | None = None
         self._cycles: Timer | None = None
         self._waits, self._waiting, self._busy_until = 0, False, 0.0
@@ -131,9 +131,9 @@ class RtmcPort:
             return
         connects = request.number == Request.CONNECT and self._client is None
         if sender != self._client and not connects:
+            why = 'no client' if self._client is None else 'another client'
             _log.warning(
-                'real-time motion: message %d not answered, because another client is connected',
-                request.number,
+                'real-time motion: message %d not answered: %s is connected', request.number, why
             )
             return
         try:
@@ -248,12 +248,12 @@ class RtmcPort:
         self._controller.io.write_port(IoType.DIGITAL_OUTPUT, port, width, value)
 
     def _set_weight(self, request: RtmcMessage) -> None:
-        (self._weight,) = _positive(request.values(messages.WEIGHT_DATA))
+        (self.weight,) = _positive(request.values(messages.WEIGHT_DATA))
 
     def _set_inertia(self, request: RtmcMessage) -> None:
         layout = messages.ECCENTRIC_DATA if request.low else messages.WEIGHT_DATA
-        self._inertia, *rest = _positive(request.values(layout))
-        self._eccentricity = int(rest[0]) if rest else 0
+        self.inertia, *rest = _positive(request.values(layout))
+        self.eccentricity = int(rest[0]) if rest else 0
 
     _CHANGES: ClassVar[dict[int, Callable[['RtmcPort', RtmcMessage], None]]] = {
         Request.CHECK_MODEL: _check_model,
@@ -303,11 +303,11 @@ class RtmcPort:
             value = controller.io.read_port(kind, request.low & 0xFF, width)
             return 0, messages.NUMBER_DATA.pack(value)
         if number == Request.WEIGHT:
-            return 0, messages.WEIGHT_DATA.pack(self._weight)
+            return 0, messages.WEIGHT_DATA.pack(self.weight)
         if number == Request.INERTIA and request.low:
-            return 0, messages.ECCENTRIC_REPLY_DATA.pack(self._inertia, self._eccentricity)
+            return 0, messages.ECCENTRIC_REPLY_DATA.pack(self.inertia, self.eccentricity)
         if number == Request.INERTIA:
-            return 0, messages.WEIGHT_DATA.pack(self._inertia)
+            return 0, messages.WEIGHT_DATA.pack(self.inertia)
         return request.low, none
 
     # Targets.

@@ -140,9 +140,11 @@ struct Peer : DataReaderListener, DataWriterListener {
     eventfd_write(event, 1);
   }
 
+  bool matched() const { return matched_readers && matched_writers; }
+
   int write(Bytes bytes) {
     if (other_writer) return other_writer(bytes.data(), static_cast<uint32_t>(bytes.size()));
-    if (!matched_readers || !matched_writers) return 0;
+    if (!matched()) return 0;
     return writer->write(&bytes) ? 1 : -1;
   }
 
@@ -299,6 +301,9 @@ void epson_rtmc_receive(void* handle, const uint8_t* data, uint32_t size, double
 
 // Returns a file descriptor that is readable when epson_rtmc_take returns something.
 int epson_rtmc_event(void* handle) { return static_cast<Peer*>(handle)->event; }
+
+// Returns whether a peer is matched. Nothing is sent to it.
+int epson_rtmc_matched(void* handle) { return static_cast<Peer*>(handle)->matched(); }
 
 // Returns 1, 0 without a matched peer (nothing is sent), or -1 if Fast DDS refuses the message.
 int epson_rtmc_write(void* handle, const uint8_t* data, uint32_t size) {

@@ -4,6 +4,7 @@
 
 import itertools
 import math
+import struct
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +26,6 @@ from epson_driver.rtmc.messages import (
     RtmcMessage,
     RtmcStatus,
     decode,
-    decode_texts,
 )
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import Event, Motors
@@ -379,10 +379,12 @@ def test_notices_at_each_change_and_periodically():
 def test_client_gets_the_text_of_an_error():
     cell = Cell()
     cell.do(Request.CONNECT, 1)
-    error, warning = decode_texts(cell.send(Request.MESSAGES, 5042))
-    assert error
-    assert not warning
-    assert decode_texts(cell.send(Request.MESSAGES)) == ('', '')
+    data = cell.send(Request.MESSAGES, 5042).data
+    size = len(data) - 4  # no warning
+    assert data[:4] == struct.pack('<HH', 0, size)
+    assert size > 2
+    assert data.endswith(b'\0')
+    assert cell.send(Request.MESSAGES).data == bytes(4)
 
 
 def test_inputs_are_read_and_outputs_written():
