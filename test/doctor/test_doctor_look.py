@@ -110,7 +110,7 @@ def test_state_port_that_closes_each_connection_is_tried_twice():
 
     async def scenario():
         async with ScriptedPorts(state=leave) as ports:
-            look = await look_at('127.0.0.1', '', 0, ports['state'])
+            look = await look_at('127.0.0.1', '', 0, ports['state'], 0)
             assert look.answers == {ports['state']: 'closes each connection'}
 
     run(scenario(), 60.0)
