@@ -60,8 +60,11 @@ class LoopThread:
         tasks: list[asyncio.Task[T]] = []
         ended = threading.Event()
 
+        async def worked() -> T:
+            return await work()  # also raises the error of an invalid call, such as TypeError
+
         def start() -> None:
-            tasks.append(self._loop.create_task(work()))
+            tasks.append(self._loop.create_task(worked()))
             tasks[0].add_done_callback(lambda _: ended.set())
 
         with self._lock:

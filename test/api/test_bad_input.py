@@ -3,6 +3,7 @@
 """Invalid arguments give a one-line error and send nothing."""
 
 import inspect
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from support.api_harness import robot_cell
 from support.event_loop import run
 
 from epson_driver.aio import ArgumentError, RobotError
+from epson_driver.api.threads import LoopThread
 
 NAN, INF = float('nan'), float('inf')
 HOME = [0.0, 0.2, 0.2, 0.0, -1.9, 0.0]
@@ -108,3 +110,17 @@ def test_invalid_argument_raises_one_sentence_with_field_and_value(answers, name
 def test_invalid_arguments_send_nothing(answers):
     assert answers['moved'] == pytest.approx(0.0, abs=1e-9)
     assert answers['sent'] == 0
+
+
+def test_unknown_keyword_of_a_blocking_call_raises_and_does_not_hang():
+    loop = LoopThread('test')
+    try:
+        with pytest.raises(TypeError, match='force'):
+            loop.run(partial(_close, force=3))
+        assert loop.call(lambda: 7) == 7
+    finally:
+        loop.close()
+
+
+async def _close():
+    """Stand for a method of the API, such as `gripper.close`."""
