@@ -108,7 +108,8 @@ def parsed(
     end = words.index('--') if '--' in words else len(words)
     for index, word in enumerate(words[:end]):
         option, _, name = word.rpartition('=')
-        if not is_robot_file(name):
+        option = option or (words[index - 1] if index else '')
+        if option == '--file' or not is_robot_file(name):
             continue
         if refused:
             parser.error(f'{printable(name)}: {refused}')
@@ -116,7 +117,6 @@ def parsed(
             settings = robot_settings(name)
         except InputError as error:
             parser.error(str(error))
-        option = option or (words[index - 1] if index else '')
         key = 'robot_model' if option == '--robot' else positional
         if option.startswith('--'):
             key = key or 'robot_ip'

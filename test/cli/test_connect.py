@@ -148,6 +148,13 @@ def test_connect_without_a_reported_model_asks_for_it(tmp_path):
     assert (settings['controller'], settings['robot_model']) == ('fanuc', 'ls6_602s')
 
 
+def test_existing_file_is_not_overwritten(file, monkeypatch, capsys):
+    monkeypatch.setattr(sys, 'argv', ['connect', '127.0.0.1', '--file', str(file)])
+    with pytest.raises(SystemExit, match='2'):
+        connect.main()
+    assert 'exists: delete it, or choose another --file' in capsys.readouterr().err
+
+
 def test_connect_without_an_address_explains_how_to_find_it(monkeypatch, capsys):
     monkeypatch.setattr(sys, 'argv', ['connect'])
     assert connect.main() == 2
