@@ -266,25 +266,18 @@ def thinned(
 ) -> Trajectory:
     """Return fewer points, whose straight segments in joint space are close to the smooth motion.
 
-    The points are `spacing` to twice `spacing` s apart. They are points of the trajectory. Where
-    these are too far apart, points of the motion are inserted. The points are closer together
-    where a joint would otherwise deviate by more than `deviation`, rad (or m), from the motion.
-    The last two points may be closer together, too. `smoothed` describes `mode` and `refine`.
-    Raises the errors of `smoothed`.
+    The points are `spacing` to twice `spacing` s apart, and as few as possible. They are points of
+    the trajectory. Where these are too far apart, points of the motion are inserted. The points
+    are closer together where a joint would otherwise deviate by more than `deviation`, rad (or m),
+    from the motion. `smoothed` describes `mode` and `refine`. Raises the errors of `smoothed`.
     """
     if not (spacing > 0.0 and deviation > 0.0):
         raise ValueError(f'spacing = {spacing} s, deviation = {deviation}: must be positive')
     motion = smoothed(trajectory, limits, mode, refine=refine)
     times, positions = _own_points(trajectory, motion)
     indices = [0]
-    for index, time in enumerate(times.tolist()):
-        if time - times[indices[-1]] >= spacing:
-            indices.append(index)
-    last = len(times) - 1
-    if indices[-1] != last:
-        if len(indices) > 1:
-            indices.pop()
-        indices.append(last)
+    while indices[-1] < len(times) - 1:
+        indices.append(_farthest(motion, times, indices[-1], spacing, deviation))
     new_times, result = [times[:1]], [positions[:1]]
     for before, index in pairwise(indices):
         parts = max(ceil((times[index] - times[before]) / (2.0 * spacing) - 1e-9), 1)
@@ -300,6 +293,29 @@ def thinned(
     return Trajectory(limits.names, times, np.concatenate(result), velocities)
 
 
+def _farthest(
+    motion: Trajectory, times: Array, first: int, spacing: float, deviation: float
+) -> int:
+    """Return the index of the last point that a straight move from the point `first` may end at.
+
+    times: times of all points, s. If none is near enough, the result is the next point.
+    """
+    start, end = times[first], times[-1]
+    for index in range(int(times.searchsorted(start + 2.0 * spacing, 'right')) - 1, first, -1):
+        whole = index == len(times) - 1 or end - times[index] >= spacing
+        if whole and _is_straight(motion, (start, times[index]), deviation):
+            return index
+    return first + 1
+
+
+def _is_straight(motion: Trajectory, segment: tuple[float, float], deviation: float) -> bool:
+    """Return whether a part of a motion deviates from a straight line by at most `deviation`."""
+    start, end = motion.times.searchsorted(segment)
+    inside = motion.positions[start:end]
+    first, last = _at(np.array(segment), motion.times, motion.positions)
+    return len(inside) < 2 or _off_line(inside, first, last) <= deviation
+
+
 def _segment_ends(
     motion: Trajectory, segment: tuple[float, float], deviation: float
 ) -> Iterator[float]:
@@ -307,15 +323,12 @@ def _segment_ends(
 
     A joint deviates from the motion by at most `deviation`, rad (or m).
     """
-    start, end = segment
-    inside = motion.positions[(motion.times > start) & (motion.times < end)]
-    first, last = _at(np.array(segment), motion.times, motion.positions)
-    if len(inside) > 1 and _off_line(inside, first, last) > deviation:
-        middle = (start + end) / 2.0
-        yield from _segment_ends(motion, (start, middle), deviation)
-        yield from _segment_ends(motion, (middle, end), deviation)
+    if _is_straight(motion, segment, deviation):
+        yield segment[1]
     else:
-        yield end
+        middle = sum(segment) / 2.0
+        yield from _segment_ends(motion, (segment[0], middle), deviation)
+        yield from _segment_ends(motion, (middle, segment[1]), deviation)
 
 
 def _off_line(positions: Array, first: Array, last: Array) -> float:

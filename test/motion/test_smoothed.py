@@ -143,6 +143,13 @@ def test_lines_between_thinned_points_stay_within_the_deviation():
     assert counts[0] < counts[-1]
 
 
+def test_dense_points_are_left_out_where_a_straight_move_is_near():
+    dense = smoothed(PLAN, LIMITS, period=0.02)
+    few = thinned(dense, LIMITS, 0.15, 0.02)
+    assert distance_from_lines(dense, few.positions) <= 0.02 + 1e-6
+    assert len(few.times) <= 10
+
+
 def test_distant_points_get_intermediate_points():
     sparse = thinned(PLAN, LIMITS, 0.05)
     assert np.diff(sparse.times).max() <= 0.1 + 1e-9
