@@ -4,11 +4,10 @@
 
 import os
 import sys
-from difflib import get_close_matches
 from importlib import import_module
 from xml.etree import ElementTree
 
-from epson_driver.inputs import printable
+from epson_driver.inputs import meant, printable
 from epson_driver.processes.command import EXECUTABLES, open_closed_streams
 from epson_driver.processes.interrupt import (
     INTERRUPTED,
@@ -66,7 +65,8 @@ def _run() -> int:
         print(_usage())
         return 0
     if name not in EXECUTABLES:
-        print(f'{_unknown(name)}{_usage()}', file=sys.stderr)
+        unknown = f'epson_driver: no command {printable(name[:100])}: {meant(name, EXECUTABLES)}'
+        print(unknown if name else _usage(), file=sys.stderr)
         return 2
     del sys.argv[1]
     asks_help = not {'-h', '--help'}.isdisjoint(sys.argv)
@@ -94,14 +94,6 @@ def _usage() -> str:
     return '\n'.join(
         [usage, '', *rows, '', 'Run `epson_driver NAME --help` for the options of a command.']
     )
-
-
-def _unknown(name: str) -> str:
-    if not name:
-        return ''
-    near = get_close_matches(name.lower(), EXECUTABLES, n=1, cutoff=0.5)
-    guess = f'; did you mean {near[0]}?' if near else ''
-    return f'epson_driver: no executable {name[:100]!r}{guess}\n\n'
 
 
 def _missing(package: str) -> str:

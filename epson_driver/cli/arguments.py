@@ -8,12 +8,14 @@ argparse exits with code 2 and names the argument if a type rejects its value.
 import argparse
 import errno
 import math
+import re
 import sys
 from collections.abc import Callable, Sequence
+from itertools import repeat
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from epson_driver.inputs import HOST, VARIABLE, InputError, Rule, count, printable, shown
+from epson_driver.inputs import HOST, VARIABLE, InputError, Rule, count, meant, printable, shown
 from epson_driver.setup.robot_file import is_robot_file, robot_settings
 
 PORT = Rule(count(1, 65_535).read, 'must be a port from 1 to 65535')
@@ -45,6 +47,33 @@ def add_ports(parser: argparse.ArgumentParser, unused: str) -> None:
         text = f'{"I/O" if name == "io" else name} port (default: from the profile'
         text += ')' if name == 'state' else f', 0: {unused})'
         parser.add_argument(f'--{name}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one sentence that suggests the nearest option or choice."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        words = sys.argv[1:] if args is None else list(args)
+        end = words.index('--') if '--' in words else len(words)
+        options = [name for name in self._option_string_actions if name.startswith('--')]
+        for word in [] if self._subparsers else words[:end]:
+            name = word.partition('=')[0]
+            if name.startswith('--') and not any(map(str.startswith, options, repeat(name))):
+                self.error(f'no option {printable(name)}: {meant(name, options)}')
+        result, unknown = super().parse_known_args(words, namespace)
+        if unknown:
+            self.error(f'unexpected argument {printable(unknown[0])}')
+        return result, unknown
+
+    def error(self, message: str) -> NoReturn:
+        if re.match('unexpected|the following|argument .*: expected ', message):  # has no remedy
+            message += f': see `{self.prog} --help`'
+        self.exit(2, f'{self.prog}: error: {message}\n')
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            remedy = meant(str(value), map(str, action.choices))
+            raise argparse.ArgumentError(action, f'{printable(shown(value))}: {remedy}')
 
 
 class _Formatter(argparse.HelpFormatter):

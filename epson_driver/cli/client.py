@@ -2,23 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """`epson_driver client`: the driver's ROS 2 node, or several of them in one process."""
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
 
 from rclpy.utilities import remove_ros_args
 
-from epson_driver.cli.arguments import help_texts
+from epson_driver.cli.arguments import Parser, help_texts
 from epson_driver.inputs import printable
 from epson_driver.node.client_process import run
-from epson_driver.setup.robot_file import is_robot_file, robot_settings
+from epson_driver.setup.robot_file import robot_settings
 from epson_driver.setup.table import ROWS
 
 
 def main() -> int:
     try:
-        if is_robot_file(sys.argv[1] if len(sys.argv) > 1 else ''):
+        if sys.argv[1:] and sys.argv[1].endswith('.yaml'):
             robot_settings(sys.argv[1])
             sys.argv[1:2] = ['--ros-args', '--params-file', sys.argv[1], '--']
         namespaces = _namespaces(remove_ros_args(sys.argv)[1:])
@@ -29,7 +28,7 @@ def main() -> int:
 
 
 def _namespaces(arguments: Sequence[str]) -> list[str]:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='epson_driver client',
         **help_texts(
             'Run the ROS 2 node that drives a controller, or one node per --namespace.',

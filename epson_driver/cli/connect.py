@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from epson_driver.cli.arguments import help_texts, parsed
+from epson_driver.cli.arguments import Parser, help_texts, parsed
 from epson_driver.cli.doctor import print_finding
 from epson_driver.cli.robot_arguments import add_robot_arguments, look
 from epson_driver.doctor.findings import Findings
@@ -85,7 +85,7 @@ def _asked_model() -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='epson_driver connect',
         **help_texts(
             'Find out which controller and robot answer at an address, and write them to a file '

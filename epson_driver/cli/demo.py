@@ -15,7 +15,15 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from epson_driver.cli.arguments import add_controller, add_robot, help_texts, page, parsed, picture
+from epson_driver.cli.arguments import (
+    Parser,
+    add_controller,
+    add_robot,
+    help_texts,
+    page,
+    parsed,
+    picture,
+)
 from epson_driver.demo.run import run
 from epson_driver.inputs import InputError, printable
 from epson_driver.motion import Trajectory
@@ -64,7 +72,7 @@ def main() -> int:
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='epson_driver demo',
         **help_texts(
             'Execute a planned trajectory through ROS 2 on a simulated robot, and report on it.',

@@ -20,7 +20,14 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
-from epson_driver.cli.arguments import DEFAULT_MODEL, argument, help_texts, parsed, path_with
+from epson_driver.cli.arguments import (
+    DEFAULT_MODEL,
+    Parser,
+    argument,
+    help_texts,
+    parsed,
+    path_with,
+)
 from epson_driver.cli.robot_arguments import add_robot_arguments, look, question
 from epson_driver.doctor.controller_checks import MIN_LISTENING_S, check_controller
 from epson_driver.doctor.environment import check_environment
@@ -200,7 +207,7 @@ def _check_graph(process: subprocess.Popen[str], model: RobotModel, findings: Fi
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='epson_driver doctor',
         **help_texts(
             'Find out why the arm does not move, and report errors from this machine to the '

@@ -17,6 +17,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from epson_driver.cli.arguments import (
+    Parser,
     add_controller,
     add_robot,
     argument,
@@ -152,7 +153,7 @@ def _matrix(results: Sequence[Result]) -> Table:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='epson_driver exercise',
         **help_texts(
             'Run a ROS program that uses the driver against the simulated controller, once per '

@@ -15,7 +15,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from epson_driver.cli.arguments import help_texts, parsed
+from epson_driver.cli.arguments import Parser, help_texts, parsed
 from epson_driver.cli.doctor import print_finding
 from epson_driver.cli.robot_arguments import add_robot_arguments, look, question
 from epson_driver.doctor.findings import Finding, Findings, Level
@@ -133,7 +133,7 @@ def _versions() -> dict[str, str]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='epson_driver first_run',
         **help_texts(
             'Check a real robot step by step on its first day: listen, compare, then move slowly. '

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`epson_driver fleet`: runs simulated robots with a discovery server, and shows their state."""
 
-import argparse
 import math
 import os
 import re
@@ -27,7 +26,7 @@ from rich.table import Table
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from epson_driver.cli.arguments import argument, help_texts, parsed
+from epson_driver.cli.arguments import Parser, argument, help_texts, parsed
 from epson_driver.inputs import count, number, printable
 from epson_driver.node.ros_process import polled_subscription, take_all, udp_by_default
 from epson_driver.processes import interrupt, processes
@@ -168,7 +167,7 @@ def running_fleet(folder: Path, size: int) -> Iterator[tuple[Fleet, list[str]]]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='epson_driver fleet',
         **help_texts(
             'Run simulated robots, their drivers and a discovery server, and show their state.',

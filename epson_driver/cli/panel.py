@@ -12,7 +12,7 @@ from pathlib import Path
 
 from epson_driver.aio import Robot
 from epson_driver.api.ownership import Page
-from epson_driver.cli.arguments import FREE_PORT, argument, help_texts, host
+from epson_driver.cli.arguments import FREE_PORT, Parser, argument, help_texts, host
 from epson_driver.inputs import InputError, printable
 from epson_driver.panel import INSTALL, missing
 from epson_driver.processes.interrupt import ended_by_signals, ending_signals
@@ -147,7 +147,7 @@ def _robot_file(text: str) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='epson_driver panel',
         **help_texts(
             'Show the robots in a browser: 3D view, status, curves, log and buttons.',

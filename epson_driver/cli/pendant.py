@@ -10,7 +10,15 @@ import asyncio
 import sys
 from contextlib import suppress
 
-from epson_driver.cli.arguments import PORT, add_password, argument, help_texts, host, parsed
+from epson_driver.cli.arguments import (
+    PORT,
+    Parser,
+    add_password,
+    argument,
+    help_texts,
+    host,
+    parsed,
+)
 from epson_driver.driver.inhibit import flags_inhibit
 from epson_driver.driver.remedy import with_remedy
 from epson_driver.error_texts import load_error_texts
@@ -54,7 +62,7 @@ ONLY_SIMULATED = {
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='epson_driver pendant',
         **help_texts(
             'Perform operator actions at a controller.',
@@ -101,6 +109,7 @@ def main() -> int:
     except InputError as error:
         parser.error(str(error))
     message, address = ' '.join(arguments.words), f'{arguments.host}:{arguments.port}'
+    remedy = f'check --host and --port, or run `epson_driver doctor {arguments.host}`'
     if message == KINDS:
         print(describe())
         return 0
@@ -114,9 +123,9 @@ def main() -> int:
     except RefusedError as error:
         print(f'refused: {error}', file=sys.stderr)
     except TimeoutError:
-        print(f'no answer from {address} in {arguments.timeout:g} s', file=sys.stderr)
+        print(f'no answer from {address} in {arguments.timeout:g} s; {remedy}', file=sys.stderr)
     except ConnectionError as error:
-        print(f'no controller: {error}', file=sys.stderr)
+        print(f'no controller: {error}; {remedy}', file=sys.stderr)
     else:
         return 0
     return 1

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from epson_driver.cli.arguments import help_texts, parsed
+from epson_driver.cli.arguments import Parser, help_texts, parsed
 from epson_driver.inputs import InputError
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
@@ -70,7 +70,7 @@ def _write(arguments: argparse.Namespace) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='epson_driver robots',
         **help_texts(
             'List the robot models, or all numbers of one model with their sources.',

@@ -20,6 +20,7 @@ from epson_driver.cli.arguments import (
     DEFAULT_MODEL,
     FREE_PORT,
     PORT,
+    Parser,
     add_password,
     argument,
     help_texts,
@@ -245,7 +246,7 @@ def _program_port(text: str) -> tuple[int, int]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='epson_driver sim_controller',
         **help_texts(
             'Simulate an EPSON controller until SIGINT or SIGTERM.',

@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from epson_driver.cli.arguments import add_robot, argument, help_texts, parsed, picture
+from epson_driver.cli.arguments import Parser, add_robot, argument, help_texts, parsed, picture
 from epson_driver.inputs import InputError, number
 from epson_driver.motion import JointLimits, Trajectory, smooth
 from epson_driver.motion.closest_samples import passed
@@ -179,7 +179,7 @@ def _table(study: SmoothingComparison, planned: str, look_ahead: float) -> Table
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='epson_driver smooth',
         **help_texts(
             'Smooth a planned trajectory within all joint limits and without intermediate stops, '

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """`epson_driver smooth_goals`: a node that smooths MoveIt's goals for any driver's action."""
 
-import argparse
 import sys
 
 from rclpy.utilities import remove_ros_args
 
-from epson_driver.cli.arguments import help_texts, parsed
+from epson_driver.cli.arguments import Parser, help_texts, parsed
 from epson_driver.inputs import printable
 from epson_driver.node.client_process import run
 from epson_driver.node.smooth_goals import DEFAULT_NAME, SmoothGoals
@@ -16,7 +15,7 @@ NO_ADDRESS = 'smooth_goals has no address: it forwards goals to a driver that ru
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='epson_driver smooth_goals',
         **help_texts(
             'Smooth FollowJointTrajectory goals within the joint limits, and forward them to the '

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from ipaddress import IPv4Address
 from pathlib import Path
 
-from epson_driver.cli.arguments import FREE_PORT, argument, help_texts, parsed
+from epson_driver.cli.arguments import FREE_PORT, Parser, argument, help_texts, parsed
 from epson_driver.cli.problem_formats import FORMATS, FOUND, placed
 from epson_driver.cli.spel_editing import add_editing
 from epson_driver.cli.spel_options import add_program_options, add_set
@@ -43,7 +43,7 @@ def main() -> int:
 
 def _parser() -> argparse.ArgumentParser:
     codes = '0 no problem, 1 problems found, 2 invalid arguments, 130 Ctrl-C'
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='epson_driver spel',
         **help_texts(
             'Check, run, test, edit and export SPEL+ programs without a robot and without RC+.',

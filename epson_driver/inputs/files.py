@@ -10,12 +10,17 @@ import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from difflib import get_close_matches
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
-from epson_driver.inputs.rules import InputError, printable
+from epson_driver.inputs.rules import FileError, InputError, printable
 
 MEGABYTE = 1_000_000
+
+_MAX_NAMES = 1000
+"""Maximum number of files in a folder whose names are compared with a missing one."""
 
 
 @contextmanager
@@ -57,8 +62,8 @@ def read_file(path: Path, largest: int) -> bytes:
 def write_file(path: Path, content: str | bytes) -> None:
     """Write a file atomically. An existing file is replaced, and its permissions are preserved.
 
-    Text is written as UTF-8. Raises OSError, which names the file, if it cannot be written or is a
-    link, a folder, a pipe or a device.
+    Text is written as UTF-8. Raises FileError, which names the file, if it cannot be written or
+    is a link, a folder, a pipe or a device.
     """
     data = content.encode('utf-8', 'backslashreplace') if isinstance(content, str) else content
     part = path.parent / f'.{secrets.token_hex(8)}.part'
@@ -80,7 +85,7 @@ def write_file(path: Path, content: str | bytes) -> None:
             part.unlink(missing_ok=True)
             raise
     except (OSError, ValueError) as error:
-        raise OSError(_sentence(path, error)) from error
+        raise FileError(_sentence(path, error)) from error
 
 
 def _check_kind(mode: int) -> None:
@@ -92,4 +97,20 @@ def _check_kind(mode: int) -> None:
 def _sentence(path: Path, error: OSError | ValueError) -> str:
     """Return the error text for a file. A ValueError means that the path is invalid."""
     why = error.strerror or error if isinstance(error, OSError) else 'cannot be the path of a file'
-    return f'{printable(path)}: {why}'
+    return (
+        f'{printable(path)}: {why}{_advice(path) if isinstance(error, FileNotFoundError) else ""}'
+    )
+
+
+def _advice(path: Path) -> str:
+    """Return the remedy for a missing file: a similar name, or the missing folder."""
+    folder = path.parent
+    if not folder.is_dir():
+        return f'; create the folder {printable(folder)}, or correct the path'
+    try:
+        names = [item.name for item in islice(folder.iterdir(), _MAX_NAMES)]
+    except OSError:
+        names = []
+    if near := get_close_matches(path.name, names, 1):
+        return f'; did you mean {printable(folder / near[0])}?'
+    return f'; correct the name or the folder, {printable(folder.absolute())}'

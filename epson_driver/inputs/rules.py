@@ -21,6 +21,9 @@ MAX_HOST_CHARACTERS = 253
 MIN_LIKENESS = 0.8
 """Minimum similarity of two names, as computed by difflib. 1 is identical."""
 
+MIN_RELATED = 0.6
+"""Minimum similarity of a name that an error text suggests."""
+
 
 ADDRESS = re.compile('add?ress|host(name)?')
 
@@ -37,6 +40,16 @@ def near_names(name: str, known: Sequence[str]) -> list[str]:
     return [*near, *(item for item in known if item not in near)]
 
 
+def meant(name: str, known: Iterable[str]) -> str:
+    """Return the end of an error text: the known names that `name` is near, else all."""
+    known = list(known)
+    alike = {_plain(item): item for item in known}
+    plain = _plain(name)
+    near = [item for item in known if plain and _plain(item).startswith(plain)]
+    near = near or [alike[match] for match in get_close_matches(plain, alike, 2, MIN_RELATED)]
+    return f'did you mean {" or ".join(near)}?' if near else f'must be {", ".join(known)}'
+
+
 def _plain(name: str) -> str:
     return ADDRESS.sub('ip', name.replace('_', '').replace('-', '').lower())
 
@@ -51,6 +64,10 @@ class RobotError(RuntimeError):
 
 class ArgumentError(RobotError, InputError):
     """A method was called with an invalid argument. Nothing was sent to the controller."""
+
+
+class FileError(RobotError, OSError):
+    """A file cannot be written."""
 
 
 class _Shortened(Repr):
@@ -238,6 +255,9 @@ def _host(value: Any) -> str:
     return value
 
 
+_FOUR_NUMBERS = (
+    'must be an IP address without leading zeros: four numbers from 0 to 255, such as 192.168.0.1'
+)
 _WITH_PORT = re.compile(r'(?:[a-z]+://)?([^/:\s]+)(?::[0-9]*)?(?:/.*)?', re.ASCII)
 
 
@@ -246,7 +266,8 @@ def _address_alone(value: object) -> str:
     try:
         alone = _host(found and found[1])
     except (TypeError, ValueError):
-        return ''
+        numbers = found and found[1].replace('.', '').isdecimal()
+        return _FOUR_NUMBERS if numbers else ''
     return f'must be the address alone: {alone} (ports are separate settings)'
 
 

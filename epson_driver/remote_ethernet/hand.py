@@ -9,7 +9,7 @@ performs these actions by hand.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from epson_driver.inputs import near_names
+from epson_driver.inputs import meant
 from epson_driver.remote_ethernet.client import Ask, RemoteError, RemoteErrorNumber
 
 MAX_ECHO_CHARACTERS = 200  # maximum length of an invalid input in an error text
@@ -90,8 +90,8 @@ def action(text: str) -> Action:
         return ACTIONS[message]
     first, *rest = words or ['']
     if first not in {form.partition(' ')[0] for form in FORMS} or not text.isprintable():
-        known = ', '.join(near_names(message[:MAX_ECHO_CHARACTERS], [*ACTIONS, *FORMS]))
-        raise UsageError(f'{message[:MAX_ECHO_CHARACTERS]!r}: must be one of {known}')
+        message = message[:MAX_ECHO_CHARACTERS]
+        raise UsageError(f'{message!r}: {meant(message, [*ACTIONS, *FORMS])}')
     if first == 'io':
         return _point(rest)
     return Action((','.join(('Sim', *words)),), f'{message}: done')

@@ -74,8 +74,8 @@ def model_name(name: str) -> str:
     alike = [models[match] for match in get_close_matches(plain, models, MAX_NAMES, ALIKE)]
     series = [model for model in models.values() if plain.startswith(model.partition('_')[0])]
     raise InputError(
-        f'no robot model {printable(name)}{_unknown(plain) or _near(start or alike or series)}; '
-        f'`epson_driver robots` lists all {len(models)}'
+        f'no robot model {printable(name)}{_unknown(plain) or _near(start or alike or series)} '
+        f'(`epson_driver robots` lists all {len(models)})'
     )
 
 

@@ -96,7 +96,7 @@ def test_repeated_motion_after_a_lost_reply_is_reported(tmp_path):
     [
         ((), 'COMMAND is missing'),
         (('--', 'no-such-program'), 'no such program'),
-        (('--fault', 'flood', '--', 'true'), 'invalid choice'),
+        (('--fault', 'flood', '--', 'true'), "'flood': must be estop, door"),
         (('--controller', 'mars', '--', 'true'), 'no controller profile mars'),
         (('--timeout', '0', '--', 'true'), 'must be a number from 1 to 3600'),
         (('--keep', str(PROGRAMS), '--', 'true'), 'must be a new folder'),
