@@ -105,9 +105,9 @@ const parts = {
   },
   advice(next) {
     advice = next;
-    const { reason, remedy, colour } = advice, first = advice.armed && controls.armed !== 'yes' ? 'press Arm, then ' : '';
+    const { reason, remedy, colour } = advice, arm = advice.armed && controls.armed !== 'yes' ? 'press Arm, then $&' : '$&';
     $('advice').dataset.colour = colour;
-    $('advice').replaceChildren(element('b', reason), ...(remedy ? [`→ ${first}${remedy}`] : []));
+    $('advice').replaceChildren(element('b', reason), ...(remedy ? [`→ ${remedy.replace(/Reset error|press Enable|Tasks:/, arm)}`] : []));
   },
   ages(ages) {
     $('ages').replaceChildren(...ages.map(([name, age]) => element('span', `${name} ${age === null ? 'none yet' : `${age.toFixed(1)} s`}`)));
