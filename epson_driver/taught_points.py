@@ -29,6 +29,7 @@ from epson_driver.inputs import (
     ArgumentError,
     InputError,
     count,
+    near_names,
     number,
     printable,
     read_file,
@@ -275,6 +276,12 @@ class _StoredPoint:
     why: str = ''
 
 
+class UnknownPointError(ArgumentError, KeyError):
+    """No point has this name."""
+
+    __str__ = Exception.__str__  # KeyError's would put the text in quotes
+
+
 class TaughtPoints:
     """Taught points. Names are case-insensitive. P and a number also identify a point: `P3`."""
 
@@ -337,7 +344,7 @@ class TaughtPoints:
     def load(self, path: str | PathLike[str]) -> int:
         """Replace all points by those in a .pts, .csv or .yaml file, and return their number.
 
-        Raises OSError if the file cannot be read, ValueError if it is invalid.
+        Raises InputError if the file cannot be read or is invalid.
         """
         file = Path(path)
         read = _READERS.get(file.suffix.lower())
@@ -411,8 +418,9 @@ class TaughtPoints:
     def _existing(self, name: str) -> _StoredPoint:
         stored = self._find(name)
         if stored is None:
-            known = f'the points are {", ".join(self)}' if len(self) else 'teach or load it'
-            raise KeyError(f'no point named {name}: {known}')
+            names = ', '.join(near_names(name, [*self]))
+            known = f'the points are {names}' if names else 'teach or load it'
+            raise UnknownPointError(f'no point named {name}: {known}')
         return stored
 
     def _find(self, name: str) -> _StoredPoint | None:

@@ -146,7 +146,7 @@ class Motions(Arm):
         * speed: fraction of the recorded speed, 0.01 to 1.
 
         The rest before the first recorded motion is skipped. Later rests are replayed. Raises
-        OSError if the file cannot be read, and the exceptions of `move_trajectory`.
+        ArgumentError if the file cannot be read, and the exceptions of `move_trajectory`.
         """
         SPEED.checked(speed, 'speed')
         if not isinstance(recording, Recording):

@@ -29,7 +29,7 @@ class Points(Unique):
 
     @checked_arguments
     def __getitem__(self, name: str) -> EpsonPoint:
-        """Return a point. Raises KeyError if it is unknown, ArgumentError if it is unusable."""
+        """Return a point. Raises ArgumentError, also a KeyError if the point is unknown."""
         return self._taught.get(name)
 
     @checked_arguments
@@ -39,7 +39,7 @@ class Points(Unique):
 
     @checked_arguments
     def __delitem__(self, name: str) -> None:
-        """Delete a point. Raises KeyError if it does not exist."""
+        """Delete a point. Raises ArgumentError, also a KeyError, if the point is unknown."""
         self._taught.remove(name)
 
     def __iter__(self) -> Iterator[str]:
@@ -73,7 +73,7 @@ class Points(Unique):
     def load(self, path: str | PathLike[str]) -> int:
         """Replace all points by the points in a .pts or .yaml file, and return their number.
 
-        Raises OSError if the file cannot be read, ArgumentError if it is invalid.
+        Raises ArgumentError if the file cannot be read or is invalid.
         """
         return self._taught.load(path)
 
@@ -81,7 +81,7 @@ class Points(Unique):
     def save(self, path: str | PathLike[str]) -> None:
         """Write all points to a .pts or .yaml file.
 
-        Unchanged content of a .pts file is preserved. Raises OSError if the file cannot be
-        written, ArgumentError if its format does not support a point.
+        Unchanged content of a .pts file is preserved. Raises RobotError, also an OSError, if the
+        file cannot be written, ArgumentError if its format does not support a point.
         """
         self._taught.save(path)

@@ -81,7 +81,8 @@ class Recording(Unique):
     def save(self, path: str | PathLike[str]) -> None:
         """Stop, and write the recording as a ROS trajectory (YAML).
 
-        Raises RobotError if the recording is empty, OSError if the file cannot be written.
+        Raises RobotError if the recording is empty, or, also as an OSError, if the file cannot be
+        written.
         """
         self.stop()
         self._check_any()
@@ -93,7 +94,7 @@ class Recording(Unique):
     def load(cls, path: str | PathLike[str]) -> 'Recording':
         """Read a saved recording or another trajectory file.
 
-        Raises ArgumentError if the file is invalid, OSError if it cannot be read.
+        Raises ArgumentError if the file cannot be read or is invalid.
         """
         read = read_trajectory(Path(path))
         result = cls(read.joint_names)

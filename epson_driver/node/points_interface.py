@@ -83,8 +83,6 @@ class PointsInterface:
                 )
             response.message = await act(request)
             response.success = True
-        except KeyError as error:
-            response.message = str(error.args[0])
         except GoalRejectedError as rejection:
             response.message = outcome_text(rejection.outcome)
         except (ValueError, OSError) as error:

@@ -58,8 +58,9 @@ def test_points_are_found_by_label_or_number_in_any_case(points):
     assert points['PICK'].x == points['p0'].x == 200.000122070313
     assert points['P3'] == EpsonPoint(150, 200, -40.5, 90)
     assert 'later' in points
-    with pytest.raises(KeyError, match='nowhere: the points are pick, P3, later, tray'):
+    with pytest.raises(KeyError, match=r'^no point named nowhere: the points are pick') as no:
         points['nowhere']
+    assert isinstance(no.value, ArgumentError)
     with pytest.raises(ArgumentError, match='point later is not taught yet'):
         points['later']
     with pytest.raises(ArgumentError, match=r'in Local 2 .*P\d+ = P\d+ @0 converts'):
@@ -103,6 +104,9 @@ def test_deleted_point_is_removed_and_the_rest_renumbered(points, tmp_path):
     ]
     with pytest.raises(KeyError):
         del points['P3']
+    with pytest.raises(RobotError, match=r'create the folder .*none, or correct') as error:
+        points.save(tmp_path / 'none' / 'out.pts')
+    assert isinstance(error.value, OSError)
 
 
 def test_point_without_posture_is_refused_in_a_pts_file_but_saved_in_a_yaml_file(tmp_path):
