@@ -36,7 +36,7 @@ def near_name(name: str, known: Iterable[str]) -> str | None:
 
 def near_names(name: str, known: Sequence[str]) -> list[str]:
     """Return all known names, sorted by their similarity to `name`."""
-    near = get_close_matches(name.lower(), known, len(known), 0.5)
+    near = get_close_matches(name.lower(), known, max(len(known), 1), 0.5)
     return [*near, *(item for item in known if item not in near)]
 
 

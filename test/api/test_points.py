@@ -111,6 +111,8 @@ def test_deleted_point_is_removed_and_the_rest_renumbered(points, tmp_path):
 
 def test_point_without_posture_is_refused_in_a_pts_file_but_saved_in_a_yaml_file(tmp_path):
     robot = aio.Robot()
+    with pytest.raises(KeyError, match=r'^no point named P1: teach or load it$'):
+        del robot.points['P1']
     robot.points['pick'] = EpsonPoint(300, 0, 400)
     with pytest.raises(ArgumentError, match='posture of the arm'):
         robot.points.save(tmp_path / 'out.pts')
