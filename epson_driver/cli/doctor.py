@@ -92,7 +92,7 @@ async def _check(
         return None
     if arguments.controller is None:
         findings.busy(f'looking at {arguments.address}: Remote Ethernet and state ports')
-        seen = await look(arguments)
+        seen = await look(arguments, real_time=arguments.ask)
         if not report_look(seen, findings):
             return None
         arguments.controller, arguments.robot = seen.profile, seen.model or None

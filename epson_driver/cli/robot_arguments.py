@@ -29,16 +29,17 @@ def add_robot_arguments(parser: argparse.ArgumentParser, address: str) -> None:
     add_password(parser)
 
 
-async def look(arguments: argparse.Namespace) -> Look:
-    """Identify the controller.
+async def look(arguments: argparse.Namespace, *, real_time: bool = True) -> Look:
+    """Identify the controller, also by discovery of Real-time Motion Control if `real_time`.
 
     A profile or model on the command line replaces the detected one.
     """
     name = arguments.controller
     usual = load_controller_profile(name).remote.password if name else ''
     password = password_in(arguments.password_variable, usual)
-    ports = (arguments.remote_port, arguments.state_port, 0 if name else arguments.motion_port)
-    result = await look_at(arguments.address, password, *ports)
+    ports = (arguments.remote_port, arguments.state_port)
+    real_time_port = arguments.motion_port if real_time and not name else 0
+    result = await look_at(arguments.address, password, *ports, real_time_port)
     result.model = arguments.robot or result.model
     if arguments.controller:
         result.profile, result.why = arguments.controller, 'it was given'
