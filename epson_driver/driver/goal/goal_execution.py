@@ -218,7 +218,9 @@ class GoalExecution:
             self._standstill.expect_rest(self._rest_time(reported=reported))
         if self._standstill.reached(sample.measured):
             if self.state is GoalState.SETTLING:
-                self._check_arrival(now, at_rest=reported)
+                # the next goal is refused as long as the arm counts as moving
+                if robot.why_not_at_rest(self.settings.stopped_velocity) is None:
+                    self._check_arrival(now, at_rest=reported)
             elif self.state in BRAKING_STATES:
                 self._on_rest(sample)
         self._check_path(sample, now)

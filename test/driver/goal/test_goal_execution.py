@@ -31,7 +31,7 @@ from epson_driver.driver.state.standstill import (
     UNCONFIRMED_REST_TIME_S,
     UNREPORTED_REST_TIME_S,
 )
-from epson_driver.simple_message import TriState
+from epson_driver.simple_message import TriState, joint_data
 
 pytestmark = pytest.mark.invariant(5)
 
@@ -107,6 +107,22 @@ def test_arm_is_at_rest_afterward_only_if_rest_was_seen_and_known_only_if_stop_w
 
 
 # --- success ----------------------------------------------------------------------------------
+
+
+def test_next_goal_may_start_as_soon_as_a_goal_has_succeeded():
+    """The start of a goal is refused if the arm has just moved, whatever velocity is reported."""
+    harness = Harness(step=0.1)
+    harness.finish_points()
+    waits = 0
+    while not harness.outcomes:
+        harness.now += DT
+        harness.robot.on_joints(joint_data(harness.at.tolist()), harness.now, joint_data([]))
+        harness.execution.on_state(harness.robot, harness.now)
+        harness.status()
+        waits += 1
+        assert waits < 20
+    assert harness.outcome.end is End.SUCCEEDED
+    assert harness.robot.why_not_at_rest(GoalSettings().stopped_velocity) is None
 
 
 def test_points_are_sent_singly_and_goal_succeeds_at_rest():
