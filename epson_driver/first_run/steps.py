@@ -269,7 +269,7 @@ async def make_ready(run: FirstRun) -> None:
     await state.wait_for_traffic(latest_status, 5.0)
     status = latest_status(state.traffic)
     if status is None or seen_inhibit(status, run.errors) is not None:
-        what = 'Set the power LOW, reset if in error, switch the motors on, start main'
+        what = 'Set the power LOW, stop main, reset if in error, switch the motors on, start main'
         await _ready(run, state, SWITCHED_ON if run.remote else what)
 
 
