@@ -226,7 +226,7 @@ async def ask_remote_port(
     text = f'Remote Ethernet replies: {", ".join(flags) or "no flag set"}'
     findings.ok('remote port', f'{text}, error {texts.phrase(number)}' if number else text)
     runs = 'Running' in flags
-    if runs:
+    if runs and not needs_main:
         text = 'a program is running: until it stops, motor commands and resets are refused'
         findings.note('remote port', text, 'program.motors: restart in the profile')
     result = [flags_inhibit(flags, number, texts), device_inhibit(device)]

@@ -141,8 +141,9 @@ def test_remote_profile_reports_an_open_door():
 @pytest.mark.parametrize('name', KINDS)
 def test_learned_profile_equals_the_original_or_gives_reasons(tmp_path, name):
     original = load_controller_profile(name)
-    facts, _ = examined(name, may_ask=True, may_use_io=True)
+    facts, findings = examined(name, may_ask=True, may_use_io=True)
     assert facts.keys() >= SEEN - NOT_OF.get(name, set())
+    assert 'remote port' not in found_at(findings, Level.NOTE)  # the profile is right
     path = tmp_path / 'learned.yaml'
     path.write_text(profile_text('learned', facts, 'generic', 'in a test'), encoding='utf-8')
     learned = load_controller_profile(str(path))
