@@ -231,23 +231,28 @@ def measured(
 def flat(samples: list[Sample], warm_up: float) -> tuple[dict[str, dict[str, float]], list[str]]:
     """Return the figures after the warm-up, and the resources that have grown.
 
-    Medians of the first and of the last tenth are compared, because a connection that is just
-    being opened is not a leak.
+    Memory is compared by the median of the first and of the last tenth. Descriptors, threads and
+    tasks are compared by their minimum in the first and in the second half: a leak raises the
+    minimum, and a command that is just being executed does not.
     """
     warm = [sample for sample in samples if sample.seconds >= warm_up]
     if len(warm) < MIN_SAMPLES:
         raise ValueError(f'only {len(warm)} samples after the warm-up of {warm_up:g} s')
     tenth = max(len(warm) // 10, 3)
+    half = len(warm) // 2
     figures, problems = {}, []
     for name, scale, most in (
         ('memory', 1e-6, MAX_GROWTH_BYTES * 1e-6),
         ('controller_memory', 1e-6, MAX_GROWTH_BYTES * 1e-6),
-        ('descriptors', 1.0, 0.5),
-        ('threads', 1.0, 0.5),
-        ('tasks', 1.0, 0.5),
+        ('descriptors', 1, 0),
+        ('threads', 1, 0),
+        ('tasks', 1, 0),
     ):
         values = [getattr(item, name) * scale for item in warm]
-        first, last = median(values[:tenth]), median(values[-tenth:])
+        if most:
+            first, last = median(values[:tenth]), median(values[-tenth:])
+        else:
+            first, last = min(values[:half]), min(values[half:])
         figures[name] = {
             'warm': round(first, 3),
             'last': round(last, 3),
