@@ -99,6 +99,8 @@ class Participant:
 class VirtualTransport(Transport):
     """A client's side without DDS and thread. `write(data)` sends a message to the controller."""
 
+    addresses = ('127.0.0.1', 7001), ('127.0.0.1', 7000)
+
     def __init__(self, write: Callable[[bytes], bool]) -> None:
         def send(data: Any, size: int) -> int:
             try:

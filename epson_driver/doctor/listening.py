@@ -19,6 +19,7 @@ from epson_driver.link import Link, LinkState, WireEvent
 from epson_driver.simple_message import CommType, Message, Packet
 from epson_driver.trace.pcap import Conversation as WireTrace
 from epson_driver.trace.pcap import PcapWriter
+from epson_driver.trace.trace import NANOSECONDS
 
 MAX_KEPT = 100_000
 """Maximum number of stored packets: the packets of eight minutes at 200 Hz."""
@@ -194,8 +195,8 @@ class Conversation:
             reply.set_result(packet)
         self._notify()
 
-    def _record(self, event: WireEvent, data: bytes) -> None:
-        now, traffic = time.time_ns(), self.traffic
+    def _record(self, event: WireEvent, data: bytes, age: float = 0.0) -> None:
+        now, traffic = time.time_ns() - round(age * NANOSECONDS), self.traffic
         if event is WireEvent.OPENED:
             traffic.handshake = traffic.handshake or self.link.last_received - self._began
             recorder, ends = TRACE.get(), self.link.addresses

@@ -82,8 +82,11 @@ class WireEvent(StrEnum):
     CLOSED = 'closed'  # closed by the client
 
 
-Tap = Callable[[WireEvent, bytes], None]
-"""Function called with each step of a connection. For SENT and RECEIVED it gets the bytes."""
+class Tap(Protocol):
+    """Function called with each step of a connection."""
+
+    def __call__(self, event: WireEvent, data: bytes, age: float = 0.0) -> None:
+        """Record a step that was `age` s ago. `data`: the bytes of SENT and RECEIVED."""
 
 
 READ_SIZE_BYTES = 65536

@@ -11,12 +11,19 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import NoReturn
 
 import numpy as np
 
-from epson_driver.link.connection import ReceiveTimeout, wait_for_silence
+from epson_driver.link.connection import (
+    Address,
+    ReceiveTimeout,
+    Tap,
+    WireEvent,
+    wait_for_silence,
+)
 from epson_driver.link.link import Link
 from epson_driver.link.rtmc_motion import (
     BUFFER,
@@ -35,14 +42,17 @@ from epson_driver.rtmc.messages import (
     RtmcError,
     RtmcMessage,
     RtmcStatus,
+    decode,
 )
 from epson_driver.rtmc.session import RefusedError, RtmcSession
 from epson_driver.rtmc.stream_feeder import StreamFeeder
 from epson_driver.rtmc.transport import (
     DISCOVERY_PERIOD_S,
     DISCOVERY_TIMEOUT_S,
+    OWN,
     Arrival,
     Connect,
+    Transport,
     TransportError,
 )
 from epson_driver.simple_message import (
@@ -50,10 +60,7 @@ from epson_driver.simple_message import (
     JointPosition,
     JointTrajPt,
     Message,
-    Mode,
     Packet,
-    Status,
-    TriState,
     joint_data,
     topic,
 )
@@ -85,6 +92,7 @@ class RtmcLink(Link):
         timeout: float = 1.0,
         connect: Connect,
     ) -> None:
+        self._transport: Transport | None = None
         super().__init__('rtmc', host, port, on_packet=on_packet, on_state=on_state)
         self._limits = limits
         self._model = model.upper().replace('_', '-')
@@ -179,6 +187,8 @@ class RtmcLink(Link):
             self.failure = error
             self._step(LinkEvent.FAILED, str(error))
             return None
+        self._transport = transport
+        transport.trace(self._tap is not None)
         session = RtmcSession(
             transport,
             self._limits.units,
@@ -192,6 +202,8 @@ class RtmcLink(Link):
         try:
             if (hello := await self._discover(session)) is not None:
                 self.session = session
+                self.last_received = self._now()
+                self._on_event(WireEvent.OPENED)
                 self._silence.restart(self._now())
                 work = asyncio.create_task(self._serve_session(hello))
                 watch = asyncio.create_task(wait_for_silence(self._silence))
@@ -207,7 +219,8 @@ class RtmcLink(Link):
             else:
                 why = 'no controller with Real-time Motion Control answers'
         finally:
-            self.session = None
+            self._on_event(WireEvent.CLOSED)
+            self.session = self._transport = None
             await transport.aclose()
         event = LinkEvent.LOST if self.connected else LinkEvent.FAILED
         self.statistics.connected_since = None
@@ -312,6 +325,8 @@ class RtmcLink(Link):
         return self._ended.done()
 
     def lose(self, why: str) -> None:
+        if not self.gone:
+            self._on_event(WireEvent.ENDED)
         self.gone = True
         self._end(why)
 
@@ -332,6 +347,9 @@ class RtmcLink(Link):
         self._wake.set()
 
     def _arrived(self, session: RtmcSession, arrival: Arrival) -> None:
+        if arrival.sender == OWN:
+            self._record(WireEvent.SENT, arrival)
+            return
         if self._sender is None:
             self._sender = arrival.sender
         if arrival.sender != self._sender:
@@ -346,9 +364,37 @@ class RtmcLink(Link):
         self.statistics.frames_received += 1
         self.statistics.bytes_received += len(arrival.data)
         try:
+            self._record(WireEvent.RECEIVED, arrival)
             session.receive(arrival.data, arrival.time)
         except RtmcError as error:
             self._end(str(error))
+
+    # Trace. The messages are recorded as the bytes of one TCP connection.
+
+    @property
+    def trace(self) -> Tap | None:
+        return self._tap
+
+    @trace.setter
+    def trace(self, tap: Tap | None) -> None:
+        self._tap = tap
+        if self._transport is not None:
+            self._transport.trace(tap is not None)
+
+    @property
+    def addresses(self) -> tuple[Address, Address] | None:
+        return (
+            None if self.session is None or self._transport is None else self._transport.addresses
+        )
+
+    def _record(self, event: WireEvent, arrival: Arrival) -> None:
+        """Record a message, except one with the password."""
+        if self._tap is None or arrival.data is None:
+            return
+        message = decode(arrival.data)
+        if event is WireEvent.SENT and message.number == Request.CONNECT:
+            message = replace(message, data=b'')
+        self._tap(event, message.encode(), self._now() - arrival.time)
 
     def _on_moved(self, positions: tuple[float, ...], full: bool, time: float) -> None:
         self._motion.on_moved(full, time)
@@ -374,11 +420,9 @@ class RtmcLink(Link):
         state = self._status
         if state is None or not self.connected:
             return
-        auto = state.mode is OperationMode.AUTO
         powered = self._powered
         if state.estop or self._motion.active:
             powered = not state.estop
-        possible = auto and not (state.safeguard_open or state.estop or state.error)
         self.flags = tuple(
             flag
             for flag, active in (
@@ -389,17 +433,7 @@ class RtmcLink(Link):
             )
             if active
         )
-        motors = TriState.UNKNOWN if powered is None else TriState(powered)
-        status = Status(
-            drives_powered=motors,
-            e_stopped=TriState(state.estop),
-            error_code=state.error,
-            in_error=TriState(bool(state.error)),
-            in_motion=TriState(self._in_motion),
-            mode=Mode.AUTO if auto else Mode.MANUAL,
-            motion_possible=motors if possible else TriState.FALSE,
-        )
-        self._publish(topic(status))
+        self._publish(topic(state.simple_status(powered, in_motion=self._in_motion)))
 
 
 def _setting(answer: asyncio.Future[RtmcMessage]) -> Callable[[RtmcMessage], None]:

@@ -15,6 +15,7 @@ from epson_driver.error_texts import ErrorTexts
 from epson_driver.inputs import printable
 from epson_driver.link.replies import PendingReplies, PendingRequest
 from epson_driver.motion import JointLimits
+from epson_driver.report.rtmc_conversation import RtmcConversation
 from epson_driver.report.run import (
     FLAGS,
     NANOSECONDS,
@@ -33,6 +34,8 @@ from epson_driver.report.run import (
     condition_events,
     sent_times,
 )
+from epson_driver.rtmc.conditions import sentence
+from epson_driver.rtmc.messages import Request, RtmcError, RtmcMessage
 from epson_driver.simple_message import (
     CommType,
     Frame,
@@ -52,6 +55,7 @@ from epson_driver.simple_message import (
     Status,
     ValidFields,
     decode,
+    topic,
 )
 from epson_driver.simple_message.motoman import Command, Result
 from epson_driver.trace.messages import Entry, Kind, MessagesError, messages_of
@@ -125,6 +129,8 @@ class _Reader:
         self._links: list[tuple[float, str, bool]] = []
         self._pending: dict[int, PendingReplies] = defaultdict(PendingReplies)
         self._plans = _Plans(joints)
+        self._rtmc = RtmcConversation(limits.units)
+        self._asked = 0.0  # time of the last request of Real-time Motion Control, s
         self._silent_since: float | None = None
         self._arrivals: dict[int, list[Arrival]] = defaultdict(list)
         self._broken: set[int] = set()
@@ -147,8 +153,32 @@ class _Reader:
                 self._broken.add(entry.connection)
                 text = f'{role} port: {len(entry.data)} bytes without a message'
                 self._event(entry, 'error', text, NO_FRAME)
+        elif isinstance(entry.frame, RtmcMessage):
+            try:
+                self._take_rtmc(entry, entry.frame)
+            except RtmcError as error:
+                self._event(entry, 'error', f'an unreadable message: {error}', NO_FRAME)
         else:
             self._take_frame(entry, entry.frame)
+
+    def _take_rtmc(self, entry: Entry, message: RtmcMessage) -> None:
+        name = _name(message.number, Request)
+        if entry.kind is Kind.REQUEST:
+            self._traffic[name, 'driver'].append(entry.time)
+            self._asked = entry.time
+            for sent in self._rtmc.sent(message, entry.time):
+                self._take_request(entry, topic(sent))
+            return
+        notice = message.number <= Request.JOINTS_NOTICE
+        self._traffic[name if notice else f'{name} reply', 'controller'].append(entry.time)
+        if not notice:
+            self._replies.append(Reply(self._asked, entry.time - self._asked, name))
+            if not message.high:
+                why = sentence(message.number, message.low)
+                self._event(entry, 'error', f'the controller refused {name}: {why}')
+                return
+        for received in self._rtmc.received(message):
+            self._take_topic(entry.time, received, self._arrivals[entry.connection])
 
     def _take_frame(self, entry: Entry, frame: Frame) -> None:
         try:

@@ -8,9 +8,12 @@ refused, and the low word then gives the reason (`conditions.py`).
 """
 
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
+
+from epson_driver.simple_message import Mode, Status, TriState
 
 JOINTS = 6
 """Number of joint values in each message. With fewer joints, the last values are 0."""
@@ -21,6 +24,7 @@ MAX_PASSWORD_BYTES = 32
 MAX_MESSAGE_BYTES = 1024
 
 _CDR_LITTLE_ENDIAN = bytes((0, 1, 0, 0))
+
 _HEADER = struct.Struct('<4sHxxHHI')  # encapsulation, ID, low word, high word, length of the data
 
 
@@ -134,6 +138,28 @@ def decode(data: bytes) -> RtmcMessage:
     return RtmcMessage(number, low, high, body[:size])
 
 
+def starts(data: bytes | bytearray) -> bool:
+    """Return whether the bytes start with a message of this protocol."""
+    known = tuple(_CDR_LITTLE_ENDIAN + struct.pack('<H', number) for number in Request)
+    return data.startswith(known)
+
+
+def split(data: bytearray) -> Iterator[RtmcMessage]:
+    """Remove the complete messages from the start of a recorded connection, and yield them.
+
+    Raises RtmcError if bytes are not a message.
+    """
+    while len(data) >= _HEADER.size:
+        end = _HEADER.size + _HEADER.unpack_from(data)[-1]
+        if end > MAX_MESSAGE_BYTES:
+            raise RtmcError(f'a message of {end} bytes: must be at most {MAX_MESSAGE_BYTES}')
+        if len(data) < end:
+            return
+        message = decode(bytes(data[:end]))
+        del data[:end]
+        yield message
+
+
 class OperationMode(IntEnum):
     """Operation modes of the controller."""
 
@@ -169,6 +195,21 @@ class RtmcStatus:
             raise RtmcError(f'status: operation mode {mode}: must be 0, 1 or 2')
         flags = (bool(safeguard), bool(estop), OperationMode(mode))
         return cls(*flags, error, warning, tuple(details))
+
+    def simple_status(self, powered: bool | None, *, in_motion: bool) -> Status:
+        """Return the status as a simple message. `powered`: None if the motors are unknown."""
+        auto = self.mode is OperationMode.AUTO
+        motors = TriState.UNKNOWN if powered is None else TriState(powered)
+        possible = auto and not (self.safeguard_open or self.estop or self.error)
+        return Status(
+            drives_powered=motors,
+            e_stopped=TriState(self.estop),
+            error_code=self.error,
+            in_error=TriState(bool(self.error)),
+            in_motion=TriState(in_motion),
+            mode=Mode.AUTO if auto else Mode.MANUAL,
+            motion_possible=motors if possible else TriState.FALSE,
+        )
 
 
 def encode_texts(error: str, warning: str) -> bytes:

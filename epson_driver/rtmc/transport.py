@@ -36,6 +36,7 @@ DISCOVERY_PERIOD_S = 0.05
 MAX_ARRIVALS_PER_TURN = 50
 """Maximum number of arrivals that are handled before other callbacks of the event loop run."""
 
+OWN = 0
 REFUSED, FAILED = -1, -2  # results of epson_rtmc_write, and of epson_rtmc_take
 
 
@@ -46,7 +47,8 @@ class TransportError(Exception):
 class Arrival(NamedTuple):
     """A message of a peer, and its time of arrival, s.
 
-    `data` is None if the peer has left, or has been silent for the lease of 1 s.
+    `data` is None if the peer has left, or has been silent for the lease of 1 s. The messages of
+    this side have the sender OWN. They are reported only to a trace.
     """
 
     sender: int
@@ -80,6 +82,7 @@ def library() -> ctypes.CDLL:
         ('request', ctypes.c_int, handle, text, number),
         ('start', ctypes.c_int, handle, values),
         ('replace', ctypes.c_int, handle, index, values, number, number),
+        ('trace', None, handle, ctypes.c_int),
         ('end', None, handle),
         ('taken', index, handle),
         ('take', ctypes.c_int, handle, text, number, values, values),
@@ -107,10 +110,15 @@ class Transport:
             raise TransportError(f'no DDS participant at {address}:{port}: {error}') from error
         host, peer_port = (None, 0) if peer is None else (peer[0].encode(), peer[1])
         partitions = (REPLIES, COMMANDS) if peer is None else (COMMANDS, REPLIES)
+        if peer is not None:
+            self.addresses = (address, peer[1] + 1), peer
         handle = opened.epson_rtmc_open(address.encode(), port, 0, host, peer_port, *partitions)
         if not handle:
             raise TransportError(f'no DDS participant at {address}:{port}: see the log')
         self._use(handle)
+
+    addresses: tuple[tuple[str, int], tuple[str, int]] | None = None
+    """Addresses of the client and of the controller in a trace. The client's port is invented."""
 
     def _use(self, handle: int) -> None:
         self._library = library()
@@ -158,6 +166,10 @@ class Transport:
     def replace(self, first: int, targets: Array, planned: int) -> bool:
         """Replace targets (see `Ring`). targets: shape (m, JOINTS), C-contiguous."""
         return bool(self._call('replace', first, targets.ctypes.data, len(targets), planned))
+
+    def trace(self, on: bool) -> None:
+        """Report the messages of this side as arrivals, too, or no longer."""
+        self._call('trace', int(on))
 
     def end(self) -> None:
         """Stop sending targets."""

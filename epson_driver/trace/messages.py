@@ -1,6 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The simple message frames of a recording, in both directions and in the recorded order."""
+"""The messages of a recording, in both directions and in the recorded order.
+
+They are frames of simple message, or messages of Real-time Motion Control.
+"""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -8,6 +11,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from epson_driver.link.connection import WireEvent
+from epson_driver.rtmc.messages import RtmcError, RtmcMessage, split, starts
 from epson_driver.simple_message import CommType, Frame, FrameError, Framer, MessageType
 from epson_driver.trace.recording import Step
 
@@ -60,28 +64,38 @@ class Entry:
     kind: Kind
     connection: int
     data: bytes = b''
-    frame: Frame | None = None  # the data as a simple message frame, or None if it is not one
+    frame: Frame | RtmcMessage | None = None  # the data as a message, or None if it is not one
 
 
 @dataclass(frozen=True)
 class Messages:
     began: float  # start time, s since 1970
     entries: tuple[Entry, ...]
-    roles: dict[int, str]  # role of each connection, one of ROLES
+    roles: dict[int, str]  # role of each connection, one of ROLES or 'rtmc'
 
 
 class Splitter:
+    """Splits the bytes of one direction into messages."""
+
     def __init__(self) -> None:
         self._framer = Framer()
         self._bytes = bytearray()
         self._broken = False
 
-    def split(self, data: bytes) -> Iterator[tuple[bytes, Frame | None]]:
-        """Yield each frame with its bytes.
+    def split(self, data: bytes) -> Iterator[tuple[bytes, Frame | RtmcMessage | None]]:
+        """Yield each message with its bytes.
 
-        From an invalid frame on, yield all remaining bytes with None.
+        From an invalid message on, yield all remaining bytes with None.
         """
         self._bytes += data
+        if not self._broken and starts(self._bytes):
+            try:
+                for message in split(self._bytes):
+                    yield message.encode(), message
+            except RtmcError:
+                self._broken = True
+                yield from self.rest()
+            return
         self._framer.receive_data(data)
         while not self._broken:
             try:
@@ -127,7 +141,8 @@ def _of_one_controller(steps: Sequence[Step], controller: str | None) -> list[St
     for number in {step.number for step in steps}:
         data = [b.data for b in steps if b.number == number and b.event is WireEvent.RECEIVED]
         speaks[number] = not data or any(
-            frame is not None and 0 < frame.comm_type <= CommType.SERVICE_REPLY
+            isinstance(frame, RtmcMessage)
+            or (frame is not None and 0 < frame.comm_type <= CommType.SERVICE_REPLY)
             for _, frame in Splitter().split(b''.join(data))
         )
     chosen = [
@@ -157,7 +172,8 @@ def _entries(steps: Sequence[Step]) -> Iterator[Entry]:
         if step.event in (WireEvent.SENT, WireEvent.RECEIVED):
             pieces = splitters[step.number, step.event].split(step.data)
             for data, frame in pieces:
-                if kind is Kind.SEND or (frame is not None and not frame.heartbeat):
+                heartbeat = frame is None or (isinstance(frame, Frame) and frame.heartbeat)
+                if kind is Kind.SEND or not heartbeat:
                     yield Entry(time, kind, step.number, data, frame)
             continue
         if kind is not Kind.OPEN:
@@ -171,7 +187,9 @@ def _roles(entries: Sequence[Entry], port_of: dict[int, int]) -> dict[int, str]:
     roles: dict[int, str] = {}
     for entry in entries:
         expected = CommType.TOPIC if entry.kind is Kind.SEND else CommType.SERVICE_REQUEST
-        if entry.frame is not None and entry.frame.comm_type == expected:
+        if isinstance(entry.frame, RtmcMessage):
+            roles[port_of[entry.connection]] = 'rtmc'
+        elif entry.frame is not None and entry.frame.comm_type == expected:
             role = ROLE_OF_TYPE.get(entry.frame.msg_type)  # type: ignore[call-overload]
             if role is not None:
                 roles.setdefault(port_of[entry.connection], role)

@@ -28,6 +28,7 @@ WRITE_PERIOD_S = 0.2  # period of the thread, s: a killed process loses at most 
 MAX_UNWRITTEN_BYTES = 16 * 1024 * 1024  # size of the buffer. The trace ends if it is full
 END_TIMEOUT_S = 1.0  # maximum time to wait for the disk when the driver ends, s
 MEGABYTE = 1_000_000
+NANOSECONDS = 1_000_000_000
 DEFAULT_MAX_BYTES = 100 * MEGABYTE
 
 _log = logging.getLogger(__name__)
@@ -115,10 +116,10 @@ class Trace:
         self._conversations.clear()
         file.close(f'after {self._writer.size} bytes: {why}', timeout)
 
-    def _take(self, link: Link, event: WireEvent, data: bytes) -> None:
+    def _take(self, link: Link, event: WireEvent, data: bytes, age: float = 0.0) -> None:
         """Record one event of a link. End the trace on any error, or if the file is full."""
         try:
-            self._record(link, event, data)
+            self._record(link, event, data, self._clock() - round(age * NANOSECONDS))
         except TraceError:
             self.end('')  # the reason is already logged
             return
@@ -129,8 +130,7 @@ class Trace:
         if self._writer.size >= self.largest:
             self.end(f'it reached its maximum size, {self.largest / MEGABYTE:g} MB')
 
-    def _record(self, link: Link, event: WireEvent, data: bytes) -> None:
-        now = self._clock()
+    def _record(self, link: Link, event: WireEvent, data: bytes, now: int) -> None:
         if event is WireEvent.OPENED:
             ends = link.addresses
             if ends is not None:

@@ -106,9 +106,11 @@ struct Peer : DataReaderListener, DataWriterListener {
   std::atomic<bool> broken{false};      // whether no more targets are sent
   std::atomic<bool> late{false};        // whether replies to targets were discarded: the motion is to brake
   std::atomic<uint64_t> controller{0};  // sender of the first reply
+  std::atomic<bool> tracing{false};     // whether own messages are reported, too
 
   std::mutex mutex;           // of the exchange
   std::deque<Bytes> waiting;  // requests
+  double received = 0.0;      // time of the last message
   uint16_t pending = 0;       // ID of the request that has no reply yet
   bool moving = false;        // whether targets are sent
   std::deque<Target> targets;
@@ -170,7 +172,10 @@ struct Peer : DataReaderListener, DataWriterListener {
       return 1;
     }
     pending = word(bytes, 4);
+    Bytes traced = tracing ? bytes : Bytes();
+    const double time = other_writer ? received : now();  // virtual, or real
     const int sent = write(std::move(bytes));
+    if (sent > 0 && !traced.empty()) report({time, 0, static_cast<int>(traced.size()), std::move(traced)}, false);
     if (sent <= 0) pending = 0, moving = false;
     return sent;
   }
@@ -178,20 +183,17 @@ struct Peer : DataReaderListener, DataWriterListener {
   void receive(Arrival arrival) {
     const Bytes& data = arrival.data;
     const uint16_t id = data.size() < HEADER ? 0 : word(data, 4);
-    bool urgent = true;
-    size_t most = MAX_ARRIVALS;
-    if (id > JOINTS_NOTICE) {
-      std::lock_guard<std::mutex> lock(mutex);
-      if (!controller) controller = arrival.sender;
-      if (id == pending && arrival.sender == controller) {
-        pending = 0;
-        if (id == MOVE && !word(data, 10)) moving = false;  // refused
-        if (id == MOVE && moving && data.size() > HEADER) urgent = !data[HEADER];  // the buffer is not full
-        if (id == MOVE && moving) most = MAX_MOVED;
-        if (send_next() < 0) report({arrival.time, 0, FAILED, {}});
-      }
-    }
-    report(std::move(arrival), urgent, most);
+    if (id <= JOINTS_NOTICE) return report(std::move(arrival));
+    std::lock_guard<std::mutex> lock(mutex);
+    if (!controller) controller = arrival.sender;
+    received = arrival.time;
+    const bool answered = id == pending && arrival.sender == controller;
+    if (answered) pending = 0;
+    if (answered && id == MOVE && !word(data, 10)) moving = false;  // refused
+    const bool moved = answered && id == MOVE && moving;
+    const bool full = moved && data.size() > HEADER && data[HEADER];  // the controller's buffer
+    report(std::move(arrival), !full, moved ? MAX_MOVED : MAX_ARRIVALS);
+    if (answered && send_next() < 0) report({now(), 0, FAILED, {}});
   }
 
   void run() {
@@ -344,6 +346,9 @@ int epson_rtmc_replace(void* handle, uint64_t first, const double* targets, uint
   peer->replaceable_to = first + planned;
   return 1;
 }
+
+// Reports also the messages that are sent, with the sender 0.
+void epson_rtmc_trace(void* handle, int on) { static_cast<Peer*>(handle)->tracing = on; }
 
 // Sends no more targets.
 void epson_rtmc_end(void* handle) {
