@@ -76,8 +76,8 @@ class Robot(Motions, Streams):
       contains the address, the profile and the model.
     * controller, model: names from config/controllers and config/robots (default: simulated and
       c3_a601s), or paths of files.
-    * motion_port, …: TCP ports. The controller's profile has the defaults. An `io_port` or
-      `remote_port` of 0 is not used.
+    * motion_port, …: TCP ports. The defaults come from the controller's profile. 0 disables
+      `io_port` or `remote_port`.
     * enable: whether `connect` also enables the arm.
 
     Raises ArgumentError if an argument or a file is invalid.
@@ -167,7 +167,7 @@ class Robot(Motions, Streams):
 
         The arm stays disabled, unless the Robot was created with `enable=True`. Then `connect`
         also enables the arm, and closes the connection if that fails. Raises RobotError if the
-        robot is not ready within `timeout` s. Its text lists the missing parts.
+        robot is not ready within `timeout` s. The error's text lists what is missing.
         """
         lost = weakref.finalize(self, self._connection.lost)
         lost.atexit = False
@@ -283,7 +283,7 @@ class Robot(Motions, Streams):
     def on_error(self, callback: Callable[[ControllerError | None], object]) -> Callable[[], None]:
         """Register a callback for controller errors. See `on_estop`.
 
-        Its argument is the new error, or None when the error is cleared.
+        The callback's argument is the new error, or None when the error is cleared.
         """
         return self._connection.changes.error.add(callback)
 
@@ -306,7 +306,10 @@ def _load_panel() -> Callable[..., Coroutine[Any, Any, Page]]:
 def _of(
     taught: weakref.WeakMethod[Callable[[], tuple[EpsonPoint, Posture | str]]],
 ) -> tuple[EpsonPoint, Posture | str]:
-    """Call a method of a Robot. Raises RobotError if the Robot no longer exists."""
+    """Call a weakly referenced method of a Robot.
+
+    Raises RobotError if the Robot no longer exists.
+    """
     method = taught()
     if method is None:
         raise RobotError('the robot of these points no longer exists')

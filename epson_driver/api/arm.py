@@ -60,7 +60,10 @@ class Arm(Unique):
         return self._connection.sample().velocities.copy()
 
     def sample(self) -> Sample:
-        """Return the newest sample: joints, time and state. Raises RobotError if this is stale."""
+        """Return the newest sample: joints, time and state.
+
+        Raises RobotError if the sample is stale.
+        """
         return self._connection.stamped(self._connection.sample())
 
     @property
@@ -96,7 +99,7 @@ class Arm(Unique):
         return EpsonPoint.of(self.pose_in(BASE))
 
     def _taught(self) -> tuple[EpsonPoint, Posture | str]:
-        """Return the tool's pose, and the arm's posture or the reason why this is unknown."""
+        """Return the tool's pose, and the arm's posture or why the posture is unknown."""
         return taught(self._hand[1], self._connection.sample().positions)
 
     @checked_arguments
@@ -140,7 +143,7 @@ class Arm(Unique):
         center: 'npt.ArrayLike' = (0.0, 0.0, 0.0),
         inertia: 'npt.ArrayLike' = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     ) -> None:
-        """Set the payload (tool and part) that is sent to the controller from the next motion on.
+        """Set the payload (tool and part), which is sent to the controller with the next motion.
 
         The arguments correspond to geometry_msgs/Inertia in the flange (tool0). The SPEL+ settings
         Weight and Inertia are computed from them.
@@ -209,7 +212,7 @@ class Arm(Unique):
         """Process received messages until the joints are fresh, for at most half a second.
 
         Call it before reading joints if the program has blocked the event loop, or if the machine
-        is busy, because newer joints may be waiting.
+        is busy, because newer joint messages may be unread.
         """
         await self._connection.wait_for_fresh_state()
 
@@ -217,8 +220,8 @@ class Arm(Unique):
     async def measured(self, read: Callable[[], T]) -> T:
         """Call `catch_up`, then return the result of `read`.
 
-        Example: `await robot.measured(lambda: robot.joints)`. The joints do not become stale if
-        this process is delayed between `catch_up` and `read`.
+        Example: `await robot.measured(lambda: robot.joints)`. A delay of this process between
+        `catch_up` and `read` does not make the joints stale.
         """
         return await self._connection.measured(read)
 

@@ -42,8 +42,8 @@ FRESH_POSE_TIMEOUT_S = 0.5
 """Maximum time to wait for newer joints if the received joints are stale, s."""
 
 CHECKS, CHECK_PERIOD_S = 5, 0.1
-"""Number of consecutive checks that a stable link must pass, and the period of the checks, s. The
-checks are counted, and no time is measured, because a delayed process checks less often."""
+"""Number of consecutive checks that a stable link must pass, and the period of the checks, s. No
+time is measured, because a delayed process performs fewer checks in the same time."""
 
 T = TypeVar('T')
 
@@ -211,7 +211,7 @@ class Connection:
             raise RobotError('another Robot of this program is connected: close() it') from error
 
     async def _wait_until_ready(self, driver: Driver, timeout: float) -> None:
-        """Wait until all parts are ready and the links are stable.
+        """Wait for stable links, fresh joints and a STATUS. Raises RobotError after `timeout` s.
 
         A link may be unstable, because a controller that serves only one client accepts a second
         client and disconnects it immediately.

@@ -54,7 +54,7 @@ class MotionError(RobotError):
 class PathError(ArgumentError):
     """The tool cannot reach a pose or follow a path.
 
-    A place is out of reach, or the path passes a singularity. The text names the place, the joint
+    A pose is out of reach, or the path passes a singularity. The text names the pose, the joint
     and the limit. Nothing was sent to the controller.
     """
 

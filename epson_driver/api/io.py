@@ -86,7 +86,8 @@ class Gripper(Unique):
     async def open(self) -> GripperState:
         """Open the gripper, and return its state once it is open.
 
-        Raises RobotError if the gripper does not open in time, or a newer command replaces this.
+        Raises RobotError if the gripper does not open in time, or a newer command replaces this
+        one.
         """
         return await _done(self._known().move(opened=True))
 
@@ -95,12 +96,15 @@ class Gripper(Unique):
 
         If the gripper is neither open nor closed after the wiring's `time`, it counts as holding a
         part, and `closed` of the state is False. Raises RobotError if the gripper stays open, or a
-        newer command replaces this.
+        newer command replaces this one.
         """
         return await _done(self._known().move(opened=False))
 
     async def state(self) -> GripperState:
-        """Read the gripper's state from its inputs. Raises RobotError if they are unknown."""
+        """Read the gripper's state from its inputs.
+
+        Raises RobotError if the inputs are unknown.
+        """
         return await _done(self._known().state())
 
     def _known(self) -> 'DrivenGripper':

@@ -122,9 +122,9 @@ class Motions(Arm):
     def record(self, rate: float = 1000.0) -> Recording:
         """Start to record the measured joints. `Recording.stop` ends the recording.
 
-        It does not matter what moves the arm. rate: maximum number of samples per second. The
-        controller may send fewer. Raises RobotError if not connected, ArgumentError if the rate is
-        invalid.
+        The arm may be moved by any program or by hand. rate: maximum number of samples per second.
+        The controller may send fewer. Raises RobotError if not connected, ArgumentError if the
+        rate is invalid.
         """
         period = 1.0 / RATE.checked(rate, 'rate')
         self._connection.running  # noqa: B018 - it raises if not connected
@@ -140,12 +140,12 @@ class Motions(Arm):
         speed: float = 1.0,
         wait: bool = True,
     ) -> Motion:
-        """Move to the start of a recording, straight in joint space, then replay it.
+        """Move straight in joint space to a recording's first position, then replay the recording.
 
         * recording: a Recording, which is stopped if it is running, or the path of a file.
         * speed: fraction of the recorded speed, 0.01 to 1.
 
-        The rest before the first recorded motion is skipped. Later rests are replayed. Raises
+        The pause before the first recorded motion is skipped. Later pauses are replayed. Raises
         ArgumentError if the file cannot be read, and the exceptions of `move_trajectory`.
         """
         SPEED.checked(speed, 'speed')
@@ -182,16 +182,16 @@ class Motions(Arm):
         * frame: the frame of the pose: 'base_link', 'base' (EPSON's world), 'tool' (the current
           tool frame), or a name given to `set_frame`. None: 'base_link', or 'base' for an
           EpsonPoint.
-        * speed, acceleration: limits of the tool, m/s and m/s². They also apply in bends.
+        * speed, acceleration: limits of the tool, m/s and m/s².
         * turn_speed, turn_acceleration: limits of the tool's rotation, rad/s and rad/s².
-        * jerk: jerk limit of the tool, m/s³. None: the acceleration times 10 / s. The jerk limit
-          of the rotation is its acceleration limit times the same ratio.
+        * jerk: jerk limit of the tool, m/s³. None: `acceleration` times 10 / s. The jerk limit of
+          the rotation is `turn_acceleration` times the ratio of `jerk` to `acceleration`.
         * accuracy: maximum distance between the line and the path through the sent points, m. If
-          the measured distance is larger, the motion's text reports it.
+          the arm's measured distance from the line is larger, the motion's text reports it.
         * slow: True reduces the speed where a joint limit requires it. False rejects such a line.
 
-        Raises PathError, before anything is sent, if the pose is out of reach or the line passes
-        a singularity. Also raises the exceptions of `move_joints`.
+        Raises PathError, before anything is sent, if the pose is out of reach or the line passes a
+        singularity. Also raises the exceptions of `move_joints`.
         """
         tool = moves.tool_limits(
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
@@ -252,9 +252,8 @@ class Motions(Arm):
           may have a different blend and frame.
         * frame: see `move_line`. The frame 'tool' is the tool frame at the start of the motion.
 
-        `move_line` describes the other arguments and the exceptions. The text of an exception
-        contains the index of an invalid point, or of a point whose blend is longer than its
-        segment.
+        `move_line` describes the other arguments and the exceptions. An exception's text contains
+        the index of the point that is invalid or whose blend is longer than its segment.
         """
         tool = moves.tool_limits(
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
@@ -311,7 +310,7 @@ class Motions(Arm):
 
         factor: 0.01 to 1, or 0 for a pause. In a pause the arm comes to rest, and the motion
         continues once the factor is above 0. A lower factor takes effect with a delay, because it
-        does not apply to points that the controller already has (docs/goals.md). Raises
+        does not slow down points that the controller already has (docs/goals.md). Raises
         ArgumentError if the factor is invalid, RobotError if the controller does not support it.
         """
         self._connection.set_speed_scaling(moves.checked_factor(factor))

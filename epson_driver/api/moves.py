@@ -33,14 +33,14 @@ from epson_driver.tool_motion.tool_pose import PLACE, numbers
 from epson_driver.tool_motion.tool_trajectory import JERK_PER_ACCELERATION, ToolLimits
 
 SAMPLE_SPACING_M, MAX_SAMPLES = 1e-3, 2000
-"""Spacing of the path samples for the accuracy check, m, and their maximum number per run."""
+"""Spacing of the samples for the accuracy check, m, and their maximum number between stops."""
 
 SAME_PLACE_M, SAME_PLACE_RAD = 1e-4, 1e-3
 """Distance and angle up to which two poses count as the same. Encoder jitter is smaller."""
 
 
 def joint_rows(field: str, values: Pose, limits: JointLimits, *, rows: bool) -> Array:
-    """Return values of n joints as an array of shape (n,), or of shape (k, n) with `rows`."""
+    """Return joint values as an array, shape (n,), or (k, n) with `rows`. Raises ValueError."""
     form = 'rows of numbers, all of one length' if rows else PLACE
     array = numbers(field, values, form)
     count = len(limits.names)
@@ -167,7 +167,7 @@ def path_points(
 
 
 def path_runs(points: Sequence[PathPoint], start: Array) -> list[Run]:
-    """Return the path through points as runs, which are its parts between two stops of the tool.
+    """Return the path through points, divided into runs. A run is a part between two stops.
 
     start: the pose of the tool in base_link. The result is [] if all points are at this pose.
     """
@@ -255,7 +255,7 @@ def checked_factor(value: float) -> float:
 
 
 def targets(field: str, values: npt.ArrayLike, limits: JointLimits) -> Trajectory:
-    """Return joint positions, shape (k, n), as a trajectory with placeholder times."""
+    """Return joint positions, shape (k, n), as a trajectory with the times 1, 2, … k s."""
     from epson_driver.driver.goal.goal import untimed
 
     positions = limits.settled(joint_rows(field, values, limits, rows=True))

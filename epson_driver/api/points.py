@@ -29,7 +29,7 @@ class Points(Unique):
 
     @checked_arguments
     def __getitem__(self, name: str) -> EpsonPoint:
-        """Return a point. Raises ArgumentError, also a KeyError if the point is unknown."""
+        """Return a point. Raises an ArgumentError that is also a KeyError if it is unknown."""
         return self._taught.get(name)
 
     @checked_arguments
@@ -39,11 +39,11 @@ class Points(Unique):
 
     @checked_arguments
     def __delitem__(self, name: str) -> None:
-        """Delete a point. Raises ArgumentError, also a KeyError, if the point is unknown."""
+        """Delete a point. Raises an ArgumentError that is also a KeyError if it is unknown."""
         self._taught.remove(name)
 
     def __iter__(self) -> Iterator[str]:
-        """Yield the names."""
+        """Yield the names of the points."""
         return iter(self._taught)
 
     def __len__(self) -> int:
@@ -81,7 +81,7 @@ class Points(Unique):
     def save(self, path: str | PathLike[str]) -> None:
         """Write all points to a .pts or .yaml file.
 
-        Unchanged content of a .pts file is preserved. Raises RobotError, also an OSError, if the
-        file cannot be written, ArgumentError if its format does not support a point.
+        Unchanged content of a .pts file is preserved. Raises a RobotError that is also an OSError
+        if the file cannot be written, ArgumentError if its format does not support a point.
         """
         self._taught.save(path)

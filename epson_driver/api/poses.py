@@ -26,8 +26,8 @@ BASE_LINK, BASE, TOOL = 'base_link', 'base', 'tool'
 """The built-in frames: the arm's base_link, EPSON's world, and the current tool frame."""
 
 ROUNDING = 1e-4
-"""Maximum deviation from the unit matrix of a rotation matrix times its transpose. An accepted
-matrix is replaced by the nearest exact rotation."""
+"""Maximum difference between R Rᵀ of a rotation matrix R and the unit matrix. An accepted matrix
+is replaced by the nearest exact rotation."""
 
 MM_SUSPICION = 10.0
 """Distance, in multiples of the arm's reach, above which a position is suspected to be in mm."""
@@ -127,7 +127,7 @@ class Frames:
         self._poses[name] = self._pose_of(_frame_of(parent, pose), 'parent', []) @ checked
 
     def target(self, field: str, pose: Pose, frame: str | None) -> Target:
-        """Return a pose in a frame as a Target. `_frame_of` describes the frame None."""
+        """Return a pose in a frame as a Target. frame: None for the default of `_frame_of`."""
         return self._placed(checked_pose(field, pose), _frame_of(frame, pose), field)
 
     def point(self, field: str, xyz: npt.ArrayLike, frame: str | None, pose: Pose) -> Target:
@@ -150,7 +150,7 @@ class Frames:
     def _pose_of(self, frame: str, where: str, more: list[str]) -> Array:
         """Return a frame's pose in base_link.
 
-        more: valid names other than those of frames, which the error text lists, too.
+        where, more: argument name and further valid values for the text of the ValueError.
         """
         if not isinstance(frame, str) or frame not in self._poses:
             *names, last = [*self._poses, *more]

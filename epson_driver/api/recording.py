@@ -81,8 +81,8 @@ class Recording(Unique):
     def save(self, path: str | PathLike[str]) -> None:
         """Stop, and write the recording as a ROS trajectory (YAML).
 
-        Raises RobotError if the recording is empty, or, also as an OSError, if the file cannot be
-        written.
+        Raises RobotError if the recording is empty or if the file cannot be written. In the second
+        case it is also an OSError.
         """
         self.stop()
         self._check_any()
@@ -114,7 +114,8 @@ class Recording(Unique):
         """Return the recording as a trajectory from rest to rest.
 
         speed: fraction of the recorded speed. The time before the first motion is skipped. Raises
-        ValueError if the joint names are not the arm's, or the samples have a gap.
+        ValueError if the joint names differ from the arm's, or the samples have a gap longer than
+        MAX_GAP_S.
         """
         self._check_any()
         if self.joint_names != limits.names:

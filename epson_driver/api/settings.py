@@ -11,11 +11,11 @@ from epson_driver.setup.robot_file import robot_settings
 from epson_driver.setup.table import ROWS, is_a
 
 ARGUMENTS = {'host': 'robot_ip', 'model': 'robot_model'}
-"""The ROS parameter for each argument of Robot that has another name than its parameter."""
+"""ROS parameter names of the arguments of Robot that are named differently."""
 
 
 def setting(name: str, *usual: object) -> Any:
-    """Return a dataclass field for a ROS parameter. `usual`: another default."""
+    """Return a dataclass field for a ROS parameter. `usual`: default, if not the parameter's."""
     row = ROWS[name]
     default = usual[0] if usual else row.default
     return field(

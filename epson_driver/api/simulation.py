@@ -44,7 +44,7 @@ class SimulatedController:
 
     @property
     def files(self) -> list[int]:
-        """File descriptor of the pipe that keeps the process alive, if it runs."""
+        """File descriptor of the pipe that keeps the process alive, or [] if no process runs."""
         stdin = None if self._process is None else self._process.stdin
         return [] if stdin is None else [stdin.get_extra_info('pipe').fileno()]
 
@@ -125,7 +125,10 @@ class Simulation(Unique):
 
     @checked_arguments
     async def door(self, is_open: bool = True) -> None:
-        """Open or close the safeguard door. Tasks that it has paused continue with `go_on`."""
+        """Open or close the safeguard door.
+
+        `go_on` resumes the tasks that an open door has paused.
+        """
         await self._do(f'door {"open" if is_open else "close"}')
 
     async def go_on(self) -> None:

@@ -32,8 +32,8 @@ MAX_JUMP_RAD = 0.5
 """Maximum step of a joint between two pose setpoints, rad. A larger step is rejected."""
 
 OFF_COURSE = 0.02
-"""Maximum deviation from the requested tool velocity, as a fraction of it. A larger deviation
-means that the tool cannot move in this direction."""
+"""Maximum deviation from the requested tool velocity, as a fraction of the requested velocity. If
+it is larger, the tool cannot move in this direction."""
 
 
 class Streams(Arm):
@@ -51,8 +51,8 @@ class Streams(Arm):
         0.1 rad of the arm. After a stop or disable, send no setpoint for a second before starting
         again (docs/servo.md).
 
-        Raises ArgumentError if the setpoint is invalid. Raises RobotError or MotionError if the
-        servo does not accept the setpoint now, and drops it.
+        Raises ArgumentError if the setpoint is invalid, RobotError or MotionError if the servo
+        does not accept a setpoint now. The setpoint is then dropped.
         """
         limits = self.model.limits
         with self._received() as servo:
@@ -102,8 +102,8 @@ class Streams(Arm):
         * velocity: along x y z, m/s, and about x y z, rad/s.
         * frame: axes of the velocity, 'base_link' or 'tool' (the current tool frame).
 
-        The tool is slower where a joint would be too fast. Raises PathError if the tool cannot
-        move in this direction, and the exceptions of `servo`.
+        The tool moves slower than requested where a joint would exceed its velocity limit. Raises
+        PathError if the tool cannot move in this direction, and the exceptions of `servo`.
         """
         arm = self._hand[1]
         with self._received() as servo:
@@ -131,7 +131,7 @@ class Streams(Arm):
             self._take(servo, velocities=joints / max(fraction.max(), 1.0))
 
     async def servo_end(self) -> str:
-        """Wait until no stream is followed and the arm is at rest. Return a message."""
+        """Wait until the stream has ended and the arm is at rest. Return a message."""
         servo = self._connection.running.servo
         while servo.active_user() is not None:
             await self._connection.next_joints()
@@ -140,7 +140,7 @@ class Streams(Arm):
 
     @contextmanager
     def _received(self) -> Iterator['Servo']:
-        """Yield the servo. A ValueError in the block is recorded as an invalid setpoint."""
+        """Yield the servo. A ValueError in the `with` block is recorded as an invalid setpoint."""
         servo = self._connection.running.servo
         try:
             yield servo
@@ -164,7 +164,7 @@ class Streams(Arm):
         raise RobotError(f'the setpoint is refused: {why}')
 
     def _commanded(self, servo: 'Servo') -> Array:
-        """Return the commanded joints of a stream, else the measured joints, shape (n,)."""
+        """Return the joints commanded by a stream, or measured joints, shape (n,)."""
         commanded = servo.commanded
         return self._connection.sample().positions if commanded is None else commanded
 

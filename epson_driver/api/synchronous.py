@@ -3,8 +3,8 @@
 """The synchronous classes of the Python API, derived from the asynchronous ones.
 
 Each function below takes a member of an asynchronous class, and returns the corresponding member
-of a synchronous class. This has the same arguments, types and docstring, and is executed in the
-thread of the event loop.
+of a synchronous class. Both have the same arguments, types and docstring. The synchronous member
+runs the asynchronous one in the thread of the event loop.
 """
 
 import inspect
@@ -38,7 +38,7 @@ class Synchronous(Unique, Generic[A_co]):
 
 
 Via = Callable[[Synchronous[Any], Callable[[], Any]], Any]
-"""Function that calls another function, which is no coroutine: `now` or `measured`."""
+"""Function that calls a function of the asynchronous object and returns its result."""
 
 
 def now(self: Synchronous[Any], ask: Callable[[], T]) -> T:
@@ -117,9 +117,10 @@ class Reading(property, Generic[T]):
 
 
 def reads(kind: type[A_co], read: Callable[[A_co], T], via: Via = now) -> Reading[T]:
-    """Derive a property from a property of the asynchronous class `kind`.
+    """Derive a property from a property of an asynchronous class.
 
-    `read` returns the value of that property for an object of `kind`.
+    * kind: the asynchronous class.
+    * read: function that reads the property from an object of this class.
     """
     (name,) = read.__code__.co_names
 
@@ -133,9 +134,9 @@ def reads(kind: type[A_co], read: Callable[[A_co], T], via: Via = now) -> Readin
 def makes(
     make: Callable[P, A_co],
 ) -> Callable[[Callable[[S, A_co], T]], Callable[Concatenate[S, P], T]]:
-    """Replace a method's parameter, an asynchronous object, by the parameters of `make`.
+    """Return a decorator for a method whose parameter is an asynchronous object.
 
-    `make` creates the asynchronous object when the method is called.
+    The decorated method has the parameters of `make` instead, and calls `make` for the object.
     """
 
     def decorate(function: Callable[[S, A_co], T]) -> Callable[Concatenate[S, P], T]:
@@ -156,7 +157,7 @@ def _described(
 ) -> Callable[P, T]:
     """Return `run` with the name, arguments and docstring of `method`.
 
-    `returned`: another annotation of the result.
+    `returned`: another annotation of the result, or None for the same annotation.
     """
     update_wrapper(run, method)
     if returned is not None:

@@ -153,7 +153,10 @@ class CallbackThread:
                 self._failed(error)
 
     def close(self) -> None:
-        """Run the queued callbacks, and end the thread. Wait for this, except in a callback."""
+        """Run the queued callbacks and end the thread.
+
+        Wait for its end unless a callback calls this.
+        """
         self.leave()
         thread, self._thread = self._thread, None
         if thread is not None and thread is not threading.current_thread():

@@ -74,7 +74,10 @@ def run(namespaces: Sequence[str], make: Make = ClientNode, name: str = DEFAULT_
 
 
 class Failures:
-    """Collects failures of any part of the process. The first one ends the process."""
+    """Collects failures of the process's threads, tasks and callbacks.
+
+    The first ends the process.
+    """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop

@@ -33,7 +33,7 @@ LEVELS = {
 
 PERIOD_S = 1.0
 CHECKS_PER_PERIOD = 10
-"""Number of times per PERIOD_S that the cause that inhibits motion is checked for a change."""
+"""Number of checks per PERIOD_S for a changed cause of inhibited motion."""
 
 
 class Diagnostics:

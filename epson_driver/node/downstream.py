@@ -29,10 +29,10 @@ from epson_driver.node.joint_reader import JointReader
 from epson_driver.node.trajectory_messages import invalid_goal
 
 QUERY = 'query_state'
-"""Service that only joint_trajectory_controller, and classes derived from it, have."""
+"""Service that identifies a joint_trajectory_controller or a class derived from it."""
 
 OWN_TOPIC_S = 1.0
-"""Time in which the driver's `controller_state` is discovered after its action, s."""
+"""Maximum time between the discovery of the driver's action and of its `controller_state`, s."""
 
 _log = logging.getLogger(__name__)
 
@@ -156,8 +156,8 @@ class Sent:
 class ArmState:
     """Joint state from the driver's `controller_state`, or `joint_states` if it has no such topic.
 
-    Whether it has this topic may be discovered later than its action. So `joint_states`, on which
-    others may publish, is used only after OWN_TOPIC_S with the action and without the topic.
+    Other nodes may publish on `joint_states`. It is used only if `controller_state` has not been
+    discovered OWN_TOPIC_S after the driver's action.
     """
 
     def __init__(self, node: Node, downstream: Downstream, callback_group: CallbackGroup) -> None:
@@ -187,7 +187,7 @@ class ArmState:
     def of(self, limits: JointLimits, oldest: float) -> tuple[Array, Array]:
         """Return positions and velocities, shapes (n,).
 
-        Raises GoalRejectedError as JointReader.of does, and until the topic is known.
+        Raises GoalRejectedError like JointReader.of, and before one of the topics has been chosen.
         """
         now, reader = self._loop.time(), self._own
         if not (self._own or self._node.count_publishers(self._own.topic)):

@@ -43,9 +43,9 @@ MAX_WINDOW_S = 0.5
 """Maximum duration of a window, a short trajectory that is part of a stream, s."""
 
 WARNING = (
-    'single points or short windows arrive as a stream: here each is a separate goal, which '
-    'replaces the last one after the arm has stopped, or is rejected if it starts too far from '
-    'the arm. Send streams to ~/servo'
+    'single points or short windows arrive as a stream: this topic takes each as a separate goal, '
+    'which starts after the arm has stopped, or is rejected if it starts too far from the arm. '
+    'Send streams to ~/servo'
 )
 
 
@@ -63,7 +63,7 @@ class PointStreams:
         self._count = 0
 
     def record_and_check(self, points: int, duration: float, now: float) -> str | None:
-        """Record a message, and return the warning at the third message of a stream, else None.
+        """Record a message. Return a warning if it is the third message of a stream, else None.
 
         points, duration: number of points, and duration of the message's trajectory, s.
         """
@@ -85,8 +85,8 @@ class Throttle:
         """Return whether to forward the sample at `time`, s.
 
         Only the first sample of each period of 1/`rate` s is forwarded. A period starts at the end
-        of the previous period, so the mean rate is correct. After a gap in the samples, it starts
-        at the next sample.
+        of the previous period, so the mean rate is correct. After a gap in the samples, a period
+        starts at the next sample.
         """
         if time < self._next:
             return False

@@ -129,7 +129,7 @@ class GripperServer:
         return GoalResponse.REJECT
 
     def _on_cancel(self, ros_handle: ServerGoalHandle) -> CancelResponse:
-        """End the wait for the gripper, which itself cannot be stopped."""
+        """Stop waiting for the gripper. The gripper's motion cannot be stopped."""
         try:
             self._bridge.to_loop(self._cancel_move, bytes(ros_handle.goal_id.uuid))
         except DriverEndedError:

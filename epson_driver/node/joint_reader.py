@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint states by name, from a topic that only the driver should publish.
 
-rclpy does not report the publisher of a message. Two publishers can be detected if their positions
-differ, because a joint then seems to move faster than possible between two messages.
+rclpy does not report the publisher of a message. Two publishers with different positions are
+detected, because a joint then seems to move faster than its limit between two messages.
 """
 
 from collections.abc import Iterable, Sequence

@@ -52,7 +52,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """QoS of topics, such as `/tf_static`, whose last message reaches late subscribers."""
 
 TURNS = 4
-"""Number of consecutive executor turns without a request after which `all_taken` returns."""
+"""Number of consecutive executor cycles without a request after which `all_taken` returns."""
 
 TAKEN_TIMEOUT_S = 0.5
 """Timeout of `LoopBridge.all_taken`, s, because a client may send requests continuously."""
@@ -80,8 +80,8 @@ class DriverEndedError(RuntimeError):
 class LoopBridge:
     """Passes the requests of one node to the driver's event loop. Must be created in that loop.
 
-    When a request fails unexpectedly, `fault` is called in the loop with the reason. `then` is the
-    text with which the reply and the log describe the effect of `fault`.
+    When a request fails unexpectedly, `fault` is called in the loop with the reason. `then`
+    describes the effect of `fault` in the reply and in the log.
     """
 
     def __init__(
@@ -210,10 +210,11 @@ class LoopBridge:
         return value
 
     async def all_taken(self) -> None:
-        """Wait, in the loop, until the executor has passed on all requests that it had received.
+        """Wait, in the loop, until the executor has passed all received requests to the loop.
 
-        This takes several turns of the executor. In a turn, the executor accepts one request of
-        each action. It reads the request in the next turn, and runs newer tasks before older ones.
+        This takes several cycles of the executor. In one cycle, the executor accepts one request
+        of each action. It reads this request in the next cycle, and runs newer tasks before older
+        ones.
         """
         executor, turns = self.node.executor, 0
         with contextlib.suppress(TimeoutError):
@@ -410,7 +411,9 @@ def _answering(service: Service, logger: RcutilsLogger) -> Callable[..., Any]:
             why = f'{service.service_name} failed: {type(error).__name__}: {error}'
             logger.error(why)
             response = service.srv_type.Response()
-            result = SetParametersResult(reason=f'{why}, parameters before it may be set')
+            result = SetParametersResult(
+                reason=f'{why}. Earlier parameters of the request may be set'
+            )
             if service.srv_type is SetParameters:
                 response.results = [result] * len(request.parameters)
             elif service.srv_type is SetParametersAtomically:

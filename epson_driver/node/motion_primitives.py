@@ -61,7 +61,7 @@ _CODES = (ErrorCode.SUCCESSFUL, ErrorCode.INVALID_GOAL, ErrorCode.OLD_HEADER_TIM
 def primitives_from_message(
     message: MotionPrimitiveSequence, limits: JointLimits, frame: str
 ) -> list[Primitive]:
-    """Return the motions of a message. Poses must be in `frame`."""
+    """Return the motions of a message. Raises GoalRejectedError if a pose is not in `frame`."""
     count = len(message.motions)
     if not 0 < count <= MAX_PRIMITIVES:
         raise invalid_goal(f'trajectory has {count} motions: must have 1 to {MAX_PRIMITIVES}')
@@ -178,7 +178,7 @@ HALF_STEP_S = 1e-4
 
 
 class ToolBusyError(RuntimeError):
-    """The tool cannot be changed, because a sequence is being planned or executed with it."""
+    """The tool cannot be changed while a sequence is planned or executed with it."""
 
     def __init__(self) -> None:
         super().__init__(
@@ -219,7 +219,10 @@ class MotionPrimitives:
         self.kinematics, self._tool = Kinematics(self._setup.model, pose), pose
 
     def set_payload(self, mass: float) -> bool:
-        """Set the payload that is sent with each motion, kg. Return whether this is supported."""
+        """Set the payload sent with each motion, kg.
+
+        Return whether the controller supports payloads.
+        """
         if self._driver.set_load is None:
             return False
         self._driver.set_load(Load(mass) if mass else None)

@@ -109,7 +109,7 @@ class DuplicateNodes:
         ]
 
     def __call__(self) -> str:
-        """Return a clause with the shared name and the other processes, or '' if it is unique."""
+        """Return a clause with the shared name and the other processes, or '' if none exist."""
         node = self._node
         name = next((item for item in self._names if node.handle.get_count_services(item) > 1), '')
         own = (node.get_name(), node.get_namespace())
@@ -240,7 +240,9 @@ class ClientNode:
         return SetParametersResult(successful=not why, reason=why)
 
     def _set_parameters(self, changes: list[Parameter]) -> str:
-        """Apply all changes, or none if one is invalid. Return why it is invalid, or ''.
+        """Apply all changes, or none if a change is invalid.
+
+        Return the reason in this case, else ''.
 
         rclpy has already checked ranges and read-only flags from the descriptors.
         """

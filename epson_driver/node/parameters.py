@@ -49,11 +49,12 @@ def declare(node: Node) -> dict[str, Any]:
     """Declare all parameters on an rclpy node and return their values by name.
 
     The controller's profile and the robot model determine some of the defaults. Raises InputError
-    if a value is invalid, or ParameterException if rclpy rejects it. `robot`, an argument of the
-    launch files, is an error, because without it the node would drive the default robot.
+    if a value is invalid, or ParameterException if rclpy rejects it. `robot` is an argument of the
+    launch files only. As a parameter it is an error, because the node would ignore it and drive
+    the default robot.
     """
     if 'robot' in (_overrides(node) or ()):
-        raise InputError('parameter robot: is unknown; give the file alone: client robot.yaml')
+        raise InputError('parameter robot: is unknown; pass the file alone: client robot.yaml')
     values = declare_rows(node, [ROWS['controller']])
     defaults = profile_defaults(_loaded('controller', values, load_controller_profile))
     values |= declare_rows(node, [ROWS['robot_model']])
@@ -86,8 +87,9 @@ def undeclared(node: Node) -> Iterator[str]:
 def _overrides(node: Node) -> dict[str, Parameter] | None:
     """Return the parameters given at the start by name, or None if rclpy does not store them.
 
-    The attribute is private. The option automatically_declare_parameters_from_overrides would make
-    them public, but it fails for an empty array before `declare` can report the parameter's name.
+    rclpy stores them in a private attribute. Its option
+    automatically_declare_parameters_from_overrides is no alternative: it fails for an empty array
+    before `declare` can report the parameter's name.
     """
     return getattr(node, '_parameter_overrides', None)
 
@@ -117,7 +119,10 @@ def declare_rows(node: Node, rows: Iterable[Row]) -> dict[str, Any]:
 
 
 def _declared(node: Node, row: Row) -> Any:
-    """Declare a parameter. For a double, a whole number is accepted, too, even in a list."""
+    """Declare a parameter and return its value.
+
+    Integers are accepted for doubles, even in a list.
+    """
     try:
         return node.declare_parameter(row.name, row.default, descriptor(row)).value
     except InvalidParameterTypeException:

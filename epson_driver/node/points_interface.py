@@ -152,7 +152,7 @@ class PointsInterface:
     # --- in the loop's thread ---------------------------------------------------------------
 
     async def _here(self) -> tuple[EpsonPoint, Posture | str]:
-        """Return the tool's pose, and the arm's posture or the reason why this is unknown."""
+        """Return the tool's pose, and the arm's posture or why the posture is unknown."""
         robot = self._driver.robot
         now = await wait_for_fresh_state(robot.stale, self._driver.changed, FRESH_POSE_TIMEOUT_S)
         if (why := robot.why_not_ready(now)) is not None:

@@ -33,7 +33,7 @@ LEAVE_TIMEOUT_S = 2.0
 """Timeout for sending the last replies, s."""
 
 LAST_ROUNDS = 3
-"""Executor rounds before the end: one for the future of a goal, a second one for the task that
+"""Executor cycles before the thread ends: one for the future of a goal, one for the task that
 sends the reply, and a spare one."""
 
 
@@ -44,8 +44,8 @@ class RosThread:
     * context: the nodes' context, or None for rclpy's default context.
 
     After an exception, the thread continues if possible, so that requests are answered while the
-    arms stop. It does not use `spin_until_future_complete`, because this makes rclpy add a
-    callback at every turn.
+    arms stop. It does not use `spin_until_future_complete`, with which rclpy adds a callback in
+    every cycle.
     """
 
     def __init__(
@@ -123,10 +123,10 @@ def _never(_message: Any) -> None:
 
 
 MAX_READING_NS = 100_000
-"""Maximum time for reading both clocks, ns. If it takes longer, the reading was interrupted."""
+"""Maximum time for reading both clocks, ns. A longer reading was interrupted and is dropped."""
 
 MIN_JUMP_NS = 1_000_000
-"""Minimum change of the difference between both clocks that counts as a jump, not as drift, ns."""
+"""Minimum change of the offset between the clocks that counts as a jump, not as drift, ns."""
 
 DRIFT_FILTER_DIVISOR = 256
 """Divisor of the drift correction per reading, because each reading of the two clocks is noisy."""

@@ -81,14 +81,14 @@ TABLE = (
     Row(
         'acceleration_ratio',
         5.0,
-        'Unknown acceleration limits, as a multiple of the velocity limit [1/s].',
+        'Default of unknown acceleration limits, as a multiple of the velocity limit [1/s].',
         0.1,
         1000.0,
     ),
     Row(
         'jerk_ratio',
         10.0,
-        'Unknown jerk limits, as a multiple of the acceleration limit [1/s].',
+        'Default of unknown jerk limits, as a multiple of the acceleration limit [1/s].',
         0.1,
         1000.0,
     ),
@@ -152,7 +152,7 @@ DEFAULT_NAME = 'smooth_goals'
 NS_PER_S = 1_000_000_000
 
 REST_TIMEOUT_S = 2.0
-"""Maximum time for which a goal waits for the driver, its state and the arm's rest, s."""
+"""Maximum time for which a goal waits for the driver, its state and the arm's standstill, s."""
 
 WATCH_PERIOD_S = 0.1
 
@@ -179,7 +179,7 @@ class ForwardedGoal:
 
     * start: earliest start time on the loop's clock, s, or 0 to start immediately.
     * planned: the received plan, if `trajectory` has other times, as in Goal.
-    * why: the outcome if the goal has been abandoned, else None.
+    * why: the outcome of an abandoned goal, else None.
     """
 
     request: FollowJointTrajectory.Goal
@@ -230,7 +230,7 @@ class SentMotion:
         """Process feedback.
 
         * stamp: time of the feedback, ns on the downstream driver's clock.
-        * passed: time since the start of the motion, ns.
+        * passed: time since the start of the motion, ns, according to the feedback.
         * desired: commanded positions of the joints `names`, rad or m.
         """
         limits, start = self.goal.limits, stamp - passed
@@ -250,7 +250,7 @@ class SentMotion:
     def passed(self) -> float | None:
         """Return the elapsed time of the motion, s, or None if it is unknown.
 
-        The result is too small by the time that the feedback took to arrive.
+        The result is too small by the transmission time of the feedback.
         """
         age = asyncio.get_running_loop().time() - self.arrival
         if not self.follows or age > MAX_FEEDBACK_AGE_S:
@@ -564,7 +564,10 @@ class SmoothGoals:
         return 'it braked' if ended.end is End.SUCCEEDED else f'while it braked, {ended.text}'
 
     def _cannot_start(self, goal: ForwardedGoal) -> str | None:
-        """Why a goal cannot start now, or None. A driver may be discovered after its goal."""
+        """Return why a goal cannot start now, or None.
+
+        The goal may arrive before the driver is found.
+        """
         if not self._downstream.available:
             return self._downstream.no_server
         problem = self._not_at_rest(goal)
@@ -598,16 +601,16 @@ def _aborted(text: str) -> Outcome:
 
 
 def _goal_time(goal: ForwardedGoal, duration: float) -> float:
-    """Return goal_time_tolerance minus the time by which a motion takes longer than planned, s.
+    """Return goal_time_tolerance minus the delay of the smooth motion's end, s.
 
-    duration: duration of the motion, s.
+    duration: duration of the smooth motion, s. Raises GoalRejectedError if its end is too late.
     """
     tolerance = duration_in_s(goal.request.goal_time_tolerance)
     late = max(duration - goal.trajectory.duration, 0.0)
     if 0.0 < tolerance <= late:
         raise GoalRejectedError(
             ErrorCode.GOAL_TOLERANCE_VIOLATED,
-            f'within the limits it takes {duration:.3f} s, but planned are '
+            f'the smooth motion takes {duration:.3f} s within the limits, but the goal plans '
             f'{goal.trajectory.duration:.3f} s with goal_time_tolerance = {tolerance:g} s',
         )
     return tolerance - late if tolerance > 0.0 else tolerance

@@ -16,17 +16,17 @@ from epson_driver.motion.smoother.request import ActivePlan
 from epson_driver.motion.trajectory import Trajectory, sample_times
 
 MIN_APART_S = 1e-4
-"""Minimum time between two points, s. A breakpoint closer to the previous one is ignored."""
+"""Minimum time between two points, s. A breakpoint closer to the previous point is ignored."""
 
 BISECTIONS = 50
-"""Number of bisection steps for the time at which a path passes a knot: full precision."""
+"""Bisection steps for the time at which a path passes a knot, enough for full precision."""
 
 
 class Executed:
     """Observer that records the motions that a smoother executes, from rest at a position.
 
-    It converts the motions to points between which quintics reproduce the motion. Across a jump of
-    the jerk, a quintic would have up to 1.8 times this jerk. Therefore a point is placed wherever
+    It converts the motions to points between which quintics reproduce the motion. A quintic across
+    a jump of the jerk would exceed this jerk by up to 80 %. Therefore a point is placed wherever
     the jerk may jump: at the breakpoints of a plan's timing and of a joint motion, and where the
     path passes a knot.
     """
@@ -126,9 +126,9 @@ MAX_DURATION_S = 600.0
 class StoppableMotion:
     """The smooth motion through a trajectory, and its stop.
 
-    The attribute `motion` has a point every MAX_STEP_S. Its path is the smoother's spline. The
-    stop is on this path if that is possible within the limits. To prepare for a stop, a second
-    smoother repeats the plans of the first smoother, up to the time that was passed to `follow`.
+    The attribute `motion` has a point every MAX_STEP_S. Its path is the smoother's spline. A stop
+    follows this path if the limits allow. To prepare for a stop, a second smoother repeats the
+    plans of the first smoother, up to the time that was passed to `follow`.
 
     `checkpoint` is called at each sample, and may raise to cancel. Raises ValueError if the motion
     takes longer than MAX_DURATION_S, or the exceptions of `smoothed`.
@@ -197,9 +197,8 @@ class StoppableMotion:
     def stopped(self, time: float, longest: float, start: float = 0.0) -> Trajectory:
         """Return the motion with a stop that starts at `time`, s, or up to MAX_STEP_S earlier.
 
-        The points start at the time `start`, s, and are at most `longest` s apart. This may be
-        called once, with a time that is not before that of the last `follow`. Raises ValueError if
-        the stop cannot be determined.
+        The points start at the time `start`, s, and are at most `longest` s apart. Call this only
+        once, with a time not before the last `follow`. Raises ValueError if no stop is found.
         """
         self.follow(time)
         smoother, motion, steps = self._smoother, self.motion, self._steps

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tool (TCP) of motion primitives, the service `~/set_tool`, and frames on `/tf_static`.
 
-The service or the parameters `tool.…` define the pose of the tool in tool0. The payload of a
-request is only sent to controllers without a program.
+The service or the parameters `tool.…` define the pose of the tool in tool0. A request's payload is
+only sent to controllers that run no motion program.
 """
 
 from collections.abc import Mapping

@@ -23,7 +23,7 @@ MAX_START_OFFSET_S = 1.0
 outside this range is rejected, because the arm would move unexpectedly."""
 
 UNSUPPORTED = ('multi_dof_trajectory', 'component_path_tolerance', 'component_goal_tolerance')
-"""Fields of a goal for joints with several degrees of freedom, which must be empty."""
+"""Fields of a goal for multi-DOF joints. They must be empty."""
 
 EMPTY = FollowJointTrajectory.Goal()
 
@@ -156,7 +156,7 @@ def _table(points: Sequence[JointTrajectoryPoint], quantity: str, names: Sequenc
 
 
 def _times(points: Sequence[JointTrajectoryPoint]) -> Array:
-    """Return the points' time_from_start, s. It is a vectorized `duration_in_s`."""
+    """Return the points' time_from_start, s, like `duration_in_s` for each point."""
     durations = list(map(attrgetter('time_from_start'), points))
     seconds = np.fromiter(map(attrgetter('sec'), durations), float, len(durations))
     nanoseconds = np.fromiter(map(attrgetter('nanosec'), durations), float, len(durations))
@@ -166,7 +166,7 @@ def _times(points: Sequence[JointTrajectoryPoint]) -> Array:
 def tolerances_from_messages(
     messages: Iterable[JointTolerance], field: str, joint_names: Sequence[str], defaults: Array
 ) -> Tolerances:
-    """Return the tolerances in a field of a goal, which contains a JointTolerance[].
+    """Return the tolerances in a goal's field of type JointTolerance[].
 
     As in joint_trajectory_controller, 0 selects the default, and a negative number disables the
     check. `defaults`: default tolerances of the positions, shape (n,), rad (m). A default of 0

@@ -345,7 +345,7 @@ async def test_invalid_goal_is_rejected_and_moves_nothing(monkeypatch):
     assert 'joint_6' in await front.refused((0.0, elsewhere), (1.0, FAR))
     assert 'joint_1' in await front.refused((1.0, [50.0, *START[1:]]))
     short = Duration(nanosec=1)
-    assert 'within the limits it takes' in await front.refused(
+    assert 's within the limits, but the goal plans' in await front.refused(
         (0.0, START), (0.05, FAR), goal_time_tolerance=short
     )
     front.behind.silent = 'joint_1 is unknown'
