@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Taught points in mm and degrees, by name, in files of RC+ (.pts) or of this package (.yaml).
 
-Saving to a .pts file preserves content that this module does not know. If no point has changed,
-every byte is preserved. A .yaml file has X Y Z U V W, in mm and degrees, by name:
+Saving to a .pts file preserves content that this module does not know. A file without a changed
+point stays identical byte by byte. A .yaml file has X Y Z U V W, in mm and degrees, by name:
 
     pick: {x: 350.0, y: 20.0, z: -30.0, u: 45.0, v: 0.0, w: 0.0}
 
@@ -54,8 +54,8 @@ _COUNT = count(1, 32767)
 class EpsonPoint:
     """A point as shown on a teach pendant: X, Y, Z in mm, and U, V, W in degrees.
 
-    It is in EPSON's world coordinate system, unless the call that takes the point names another
-    frame. V and W are 0 on a SCARA. Raises ArgumentError if an argument is invalid.
+    The point is in EPSON's world coordinate system, unless a method with a `frame` takes it. V and
+    W are 0 on a SCARA. Raises ArgumentError if an argument is invalid.
     """
 
     x: float
@@ -170,8 +170,8 @@ def posture(model: RobotModel, joints: Array) -> Posture:
 
     In .pts files, hand 1 is right and 2 left, elbow 1 is above and 2 below. Wrist 1 is the home
     pose with the tool down, 2 is flipped. These values come from public .pts files and from
-    programs that write such files. They were not checked on a controller. Raises ValueError if
-    these sources disagree about this arm, or do not describe it.
+    programs that write such files. They were not checked on a controller. Raises ValueError if the
+    sources disagree about this arm, or do not describe this arm.
     """
     low, high = (-pi / 2.0, pi) if model.name.startswith('rs') else (-pi, pi)
     if not low <= joints[0] <= high:
@@ -182,7 +182,7 @@ def posture(model: RobotModel, joints: Array) -> Posture:
     if model.kind == SCARA:
         return {'nHand': 1 if joints[1] >= 0.0 else 2, 'nElbow': 1, 'nWrist': 1}
     if model.name.startswith('n'):
-        raise ValueError('the flags of an N series are unknown')
+        raise ValueError('the posture flags of the N series are unknown')
     try:
         parameters = opw_parameters(model)
     except KinematicsError as error:
@@ -196,7 +196,7 @@ def posture(model: RobotModel, joints: Array) -> Posture:
     )
     turn = third + atan2(a2, c3)
     if a1 + c2 * sin(second) + hypot(a2, c3) * sin(second + turn) < 0.0:
-        raise ValueError('the arm reaches over its shoulder, for which its flags are unknown')
+        raise ValueError('the posture flags of an arm that reaches over its shoulder are unknown')
     return {
         'nHand': 1,
         'nElbow': 1 if sin(turn) >= 0.0 else 2,
@@ -209,7 +209,7 @@ def posture(model: RobotModel, joints: Array) -> Posture:
 def taught(arm: Kinematics, joints: Array) -> tuple[EpsonPoint, Posture | str]:
     """Return the tool's point and the arm's posture for joint positions, shape (n,).
 
-    If the posture is unknown, the result contains the reason as a text instead.
+    If the posture is unknown, the reason is returned as a text instead.
     """
     point = EpsonPoint.of(arm.in_base(arm.forward(joints)))
     try:
@@ -221,7 +221,7 @@ def taught(arm: Kinematics, joints: Array) -> tuple[EpsonPoint, Posture | str]:
 def _half_turns(angle: float) -> int:
     """Return the number of half turns by which an angle, rad, exceeds ±π.
 
-    It is 0 up to ±π, 1 up to ±2π, and so on.
+    The result is 0 up to ±π, 1 up to ±2π, and so on.
     """
     return max(ceil(abs(angle) / pi) - 1, 0)
 
@@ -263,8 +263,8 @@ class _StoredPoint:
 
     * point: the position, or None if only the label exists.
     * number, block: the point's number and `Block` in a .pts file.
-    * posture: the arm's posture at the point, or a text with the reason why it is unknown. It is
-      None if `block` contains the posture.
+    * posture: the arm's posture at the point, a text with the reason why the posture is unknown,
+      or None if `block` contains the posture.
     * why: the reason why the point cannot be used, or ''.
     """
 
@@ -291,14 +291,17 @@ class TaughtPoints:
         self._changed = False
 
     def get(self, name: str) -> EpsonPoint:
-        """Return a point. Raises KeyError if it is unknown, InputError if it cannot be used."""
+        """Return a point.
+
+        Raises KeyError if the name is unknown, InputError if the point is unusable.
+        """
         stored = self._existing(name)
         if stored.point is None or stored.why:
             raise InputError(f'point {name} {stored.why or "is not taught yet"}')
         return stored.point
 
     def set(self, name: str, point: EpsonPoint, taught: Posture | str | None = None) -> None:
-        """Set or add a point. `taught`: the arm's posture at the point, or why it is unknown.
+        """Set or add a point. `taught`: the arm's posture at it, or why the posture is unknown.
 
         Raises InputError if the name or the point is invalid, or if the existing point cannot be
         used.
@@ -342,7 +345,7 @@ class TaughtPoints:
         return {item.name: item.point for item in stored if item.point and not item.why}
 
     def load(self, path: str | PathLike[str]) -> int:
-        """Replace all points by those in a .pts, .csv or .yaml file, and return their number.
+        """Replace all points by the points in a .pts, .csv or .yaml file, and return their number.
 
         Raises InputError if the file cannot be read or is invalid.
         """
@@ -476,7 +479,7 @@ def _block(number: int, stored: _StoredPoint) -> Block:
         return old
     has_position = old is not None and not int(old.number('nUndefined')) & _NO_PLACE
     if arm_posture is None and not has_position:
-        arm_posture = 'a .pts file needs the posture of the arm, which is known only when taught'
+        arm_posture = 'a .pts file needs the posture of the arm, known only for points taught here'
     if isinstance(arm_posture, str):
         raise InputError(
             f'point {stored.name}: {arm_posture}: save a .yaml file, or teach it in RC+'

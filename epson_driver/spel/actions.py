@@ -55,8 +55,8 @@ def wait(task: Task, time: float) -> None:
 def wait_condition(task: Task, test: Test, time: float | None) -> None:
     """Execute `Wait condition[, time]`: wait until `test` holds or `time`, s, has passed.
 
-    If the time passes first, the program's function `TW` returns True. If `time` is None and
-    `TMOut` has set a default timeout, SpelError is raised when this timeout has passed.
+    After a timeout, the program's function `TW` returns True. If `time` is None and `TMOut` has
+    set a default timeout, SpelError is raised after this timeout.
     """
     limit = task.default_timeout if time is None else seconds(task, time)
 
@@ -172,7 +172,7 @@ def continue_all(task: Task) -> None:
 
 
 def raise_error(task: Task, first: float, second: float | None = None) -> None:
-    """Execute `Error [task,] n`: raise error `first`, or error `second` in the task `first`."""
+    """Execute `Error n` or `Error task, n`: raise error n here, or in another task."""
     if second is None:
         number = within('Error', nearest(first), 1, 9999)
         raise SpelError(number, task.world.error_text(number))
@@ -220,7 +220,7 @@ def store_condition(task: Task, name: str, test: Test) -> None:
 
 
 def _may_write(task: Task, name: str, memory: Memory, words: tuple[str, ...]) -> None:
-    """Raise SpelError if an output is set without `Forced` during an E-stop or an open door."""
+    """Raise SpelError if outputs must not be set without `Forced` now (E-stop or open door)."""
     if memory is not Memory.OUTPUT or 'forced' in words:
         return
     host = task.world.host
@@ -230,7 +230,10 @@ def _may_write(task: Task, name: str, memory: Memory, words: tuple[str, ...]) ->
 
 
 def _bits(name: str, memory: Memory, width: int, switch: int | None) -> Callable[..., None]:
-    """Return the function for a statement such as `On` (`switch` 1), `Off` (0) or `Out` (None)."""
+    """Return the function that executes a bit statement `name`.
+
+    `switch`: 1 for `On`, 0 for `Off`, None for a statement with a value, such as `Out`.
+    """
 
     def one(
         task: Task,
@@ -424,7 +427,5 @@ STATEMENTS: dict[str, Callable[..., None]] = {
     'where': where,
     'joint': lambda task: print_terminal(task, f'{task.world.host.value("joint", ())}\n'),
 }
-"""Name in lower case → function.
-
-The network statements, Print and Input are in ports.py.
-"""
+"""Name of a statement in lower case → function that executes it. The network statements, Print and
+Input are in ports.py."""

@@ -15,7 +15,7 @@ from epson_driver.spel.values import Point
 
 
 def timer(task: Task, number: int) -> float:
-    """Return `Tmr(n)`: the time since `TmReset n`, or else since the start, s, rounded to 1 ms."""
+    """Return `Tmr(n)`: time since `TmReset n`, or since the start, s, in steps of 1 ms."""
     started = task.world.timers.get(number, 0.0)
     return round(task.world.time - started, 3)
 
@@ -150,7 +150,5 @@ TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'memin': _bits(Memory.MEMORY, 8),
     'meminw': _bits(Memory.MEMORY, 16),
 }
-"""Name in lower case → function.
-
-These are the functions that functions.py marks with 'task'.
-"""
+"""Name of a SPEL+ function in lower case → Python function. These are the functions that
+functions.py marks with 'task'."""

@@ -18,10 +18,10 @@ class Variable:
     """A variable of the program.
 
     * place: the list that contains it, 'v' for the variables of a call, 'g' for shared variables.
-    * slot: the index of the variable in that list.
+    * slot: the variable's index in this list.
     * bounds: the upper bounds of an array. An array parameter is the caller's array.
-    * by_reference: whether the list contains a reference instead of a value: the pair (list,
-      index) of the caller's variable.
+    * by_reference: whether the list contains a reference to the caller's variable, a pair (list,
+      index), instead of a value.
     * preserved: whether the variable keeps its value when the program restarts (`Global
       Preserve`).
     """
@@ -45,8 +45,8 @@ class FunctionCode:
     * starts: the first instruction of the same statement.
     * following: the instruction that normally follows.
     * source: the Python function of the instruction, with the name o<index>_<pc>.
-    * passed_over: jumps to the end of an If or Select. Another jump to such a jump goes directly
-      to the end.
+    * passed_over: jumps to the end of an If or Select. They are never executed if another jump
+      leads to them, because that jump goes directly to the end.
     """
 
     name: str

@@ -19,7 +19,7 @@ from epson_driver.spel.words import WORDS, is_a
 
 
 class TaskType(IntEnum):
-    """Type of a task, as in `TaskInfo(n, 2)`. It determines what pauses and ends the task."""
+    """Type of a task, as in `TaskInfo(n, 2)`. It determines which events pause or end the task."""
 
     NORMAL = 0
     NO_PAUSE = 1
@@ -58,7 +58,7 @@ _FORBIDDEN = {
 
 @dataclass(frozen=True, slots=True)
 class CommandRule:
-    """One statement: its argument form, the task types that cannot run it, and its first version.
+    """A statement: its argument form, the task types that cannot run it, and its first version.
 
     If `robot` is set, the host executes the statement: `Host.command(name, arguments, words)`.
     """
@@ -154,10 +154,8 @@ SHOWN = {
     **dict.fromkeys(('accel', 'accels'), ((1, 2), (3, 4), (5, 6))),  # p69
     **dict.fromkeys(('arm', 'cp', 'limz', 'motor', 'power', 'robot', 'speedfactor', 'tool'), ()),
 }
-"""Statement that prints its values if it has no argument → arguments for each printed line.
-
-To print a line, the function with the statement's name is called with each of these arguments.
-"""
+"""Statement that prints its values if it has no argument → arguments for each printed line. To
+print a line, the function with the statement's name is called with each of these arguments."""
 
 SHOWN_IN_LOW_POWER = {'speed': 'Low Power State: Speed is limited to 5'}
 """Statement of SHOWN → line printed before its values in low power (p779)."""

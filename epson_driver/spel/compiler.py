@@ -3,9 +3,9 @@
 """Compiles functions to flat lists of instructions, so GoTo and EResume can jump anywhere.
 
 An instruction is a Python function. Its argument, the list `v`, contains the task, the parameters,
-the function's value, and the local variables. It returns the number of the next instruction. After
-a call, a wait or an end it returns WAITING, because the task itself decides when to continue. The
-task then resumes at the following instruction.
+the function's value, and the local variables. The instruction returns the number of the next
+instruction, or WAITING after a call, a wait or an end. In this case the task decides when to
+resume, at the following instruction.
 """
 
 import re
@@ -30,10 +30,8 @@ MOTION_VALUES: dict[str, dict[str, tuple[str, ...]]] = {
     'jump3cp': {'ppp': ()},
     'jumptlz': {'pn': ('tlz',)},
 }  # fmt: skip
-"""Motion → its possible arguments, as points (p) and numbers (n) → names of the numbers.
-
-All other motions take one point.
-"""
+"""Motion → possible argument lists, as points (p) and numbers (n) → names of the numbers. All
+other motions take one point."""
 
 _MARK = re.compile('\x01([0-9]+)\x01')
 _WAITING = f'return {WAITING}'
@@ -114,7 +112,7 @@ class Compiler:
     # Instructions
 
     def _mark(self) -> int:
-        """Return a new mark, which stands for the target of a jump until the target is known."""
+        """Return a new mark, a placeholder for the target of a jump until the target is known."""
         self._marks.append(-1)
         return len(self._marks) - 1
 
@@ -158,7 +156,7 @@ class Compiler:
     def _leave_block(self, body: syntax.Block, end: int) -> None:
         """Add the jump from a branch to the end of its If or Select.
 
-        A branch that itself ends with a jump needs none.
+        No jump is added to a branch that already ends with one.
         """
         if body and isinstance(body[-1], syntax.Exit | syntax.Return | syntax.EResume):
             return
@@ -167,7 +165,7 @@ class Compiler:
         self._jump(end)
 
     def _through(self, pc: int) -> int:
-        """Return the final target of instruction `pc` if it is only a jump, or else `pc`."""
+        """Return the final target of instruction `pc` if it is only a jump, else `pc`."""
         while pc in self._jumps:  # they all lead forward
             pc = self._marks[self._jumps[pc]]
         return pc
@@ -620,10 +618,7 @@ class Compiler:
         )
 
     def _motion_values(self, motion: syntax.Motion) -> tuple[str, str]:
-        """Return the Python text of a motion's points and of its numbers.
-
-        The target is the last point.
-        """
+        """Return the Python text of a motion's points, target last, and of its numbers."""
         expressions, name = self._expressions, motion.name.lower()
         if name == 'pulse':
             values = ''.join(f'{expressions.number(item).text}, ' for item in motion.points)
@@ -646,9 +641,10 @@ class Compiler:
         return ''.join(f'{point}, ' for point in points), numbers
 
     def _beside(self, motion: syntax.Motion) -> str:
-        """Add the parallel statements (`!…!`) of a motion, with a jump over them.
+        """Compile the parallel statements (`!…!`) of a motion.
 
-        Return the Python text of the number of their first instruction.
+        Instructions are added for them, after a jump that skips them. Returns the number of the
+        first one as Python text.
         """
         start, at = self._start, self._at
         inside, behind = self._mark(), self._mark()

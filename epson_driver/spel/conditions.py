@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conditions of Wait, Till, Sense, Find and Trap: inputs, states and shared integer variables.
 
-The controller evaluates a condition repeatedly while the task waits. The left side can therefore
-not use values that only the task can access, such as local variables. The right side is evaluated
+The controller evaluates the left side repeatedly while the task waits. This side can therefore not
+use values that only the task can access, such as local variables. The right side is evaluated
 once, when the statement starts (SPEL+ manual p881, p859).
 """
 
@@ -34,7 +34,7 @@ def is_condition(expression: Expression, scope: Scope) -> bool:
 def condition(expression: Expression, expressions: Expressions) -> tuple[str, str]:
     """Compile a condition to Python.
 
-    Return the lines that its statement executes once, and the expression that is tested.
+    Return the lines that are executed once, before the wait, and the expression that is tested.
     """
     before: list[str] = []
     test = _test(expression, expressions, before)
@@ -59,9 +59,9 @@ def _test(expression: Expression, expressions: Expressions, before: list[str]) -
 
 
 def _once(expression: Expression, expressions: Expressions, before: list[str]) -> str:
-    """Add a line to `before` that evaluates an expression to a whole number.
+    """Compile an expression that is evaluated once, to a whole number.
 
-    Return the name of the Python variable with its value.
+    Add this line to `before`, and return the name of the Python variable with the value.
     """
     name = expressions.temporary()
     before.append(f'{name} = {expressions.whole(expression)}')

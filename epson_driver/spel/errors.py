@@ -14,7 +14,7 @@ LISTED = 20
 
 
 SETTINGS_FILE = 'spel.yaml'
-"""Name of the file beside a project with the settings that RC+ stores outside the project."""
+"""Name of the file in a project's folder with settings that RC+ stores outside the project."""
 
 
 def to_add(key: str, line: str) -> str:
@@ -64,7 +64,7 @@ class ErrorNumber(IntEnum):
     """Error numbers that the language itself raises.
 
     Numbers from 9990 are specific to this interpreter, because the available documents do not list
-    the numbers of a controller. A program must not depend on them.
+    the numbers of a controller. A program must not depend on these numbers.
     """
 
     LOOP_LEFT = 2020
@@ -101,7 +101,7 @@ TEXTS: dict[int, str] = {
     ErrorNumber.RETURN_WITHOUT_GOSUB: 'Return without GoSub',
     ErrorNumber.NO_LIBRARY: 'the DLL cannot be reached',
     ErrorNumber.INPUT_COUNT: 'the number of values does not fit the variables of Input',
-    ErrorNumber.ENDLESS_LOOP: 'an endless loop without a Wait: put one of 0.01 s or more into it',
+    ErrorNumber.ENDLESS_LOOP: 'an endless loop without a Wait: add a Wait of 0.01 s or more',
     ErrorNumber.NETWORK: 'network error: the peer is lost',
     ErrorNumber.PORT_IN_USE: 'the port belongs to another task',
     ErrorNumber.PORT_NOT_OPEN: 'the port is not open',
@@ -109,7 +109,7 @@ TEXTS: dict[int, str] = {
     ErrorNumber.POINT_UNDEFINED: 'the point is not defined',
     ErrorNumber.NO_SUCH_FILE: 'the file does not exist',
     ErrorNumber.OVERFLOW: 'the value does not fit its type',
-    ErrorNumber.DIVISION_BY_ZERO: 'division by zero: look at the divisor before',
+    ErrorNumber.DIVISION_BY_ZERO: 'division by zero: check the divisor first',
     ErrorNumber.INDEX: 'an array index is out of range: it goes from 0 to UBound',
     ErrorNumber.ARGUMENT: 'an argument is out of range',
     ErrorNumber.STRING_LENGTH: 'a string is longer than 255 characters',
@@ -128,7 +128,7 @@ USER_ERRORS = range(8000, 9000)
 def meaning(number: int) -> str:
     """Return the meaning of an error number, without the messages that a project defines."""
     if number in USER_ERRORS:
-        return "an error of the program's own: handle it (OnErr), or add it to UserErrors.dat"
+        return 'an error defined by the program: handle it (OnErr), or add it to UserErrors.dat'
     result = load_error_texts('epson').get(number)
     return TEXTS.get(number) or (result.meaning if result else 'see the manual')
 

@@ -62,17 +62,17 @@ _DEEPEST_PYTHON = 90
 class Code(NamedTuple):
     """A compiled expression.
 
-    It contains its Python text, the kind of its value, and its text as a condition.
+    * text: its Python text.
+    * kind: kind of its value, such as a number, a string or a point.
+    * truth: its Python text as a condition, if this is different.
     """
 
     text: str
     kind: str
     truth: str = ''
     checked: bool = False
-    """Whether the value needs no range check.
-
-    This is so for -1 and 0, and for a variable of the type Double or String.
-    """
+    """Whether the value needs no range check. The constants -1 and 0 need none, nor do variables
+    of the type Double or String."""
 
 
 def check_count(rule: FunctionRule, arguments: Sequence[Argument], at: Position) -> None:
@@ -117,7 +117,7 @@ class Expressions:
         return _rounded(self.number(expression))
 
     def ranged(self, name: str, key: str, place: int, value: Expression, code: str) -> str:
-        """Return `code`, the Python text of `value`. Add a range check if one is needed.
+        """Return `code`, the Python text of `value`, with a range check if one is needed.
 
         `key` and `place` select the range (`ranges.limits`). `name` appears in the error.
         """
@@ -189,7 +189,7 @@ class Expressions:
             return
         name = type_word(type_name)
         if code.kind != INT:
-            text = f'whether a Real is rounded or cut on its way to {name} is not documented: '
+            text = f'it is not documented how a Real is rounded to fit {name}: '
             text += 'write Int( ) or Fix( )'
             self.notes.append(Problem(expression.at, 'real-to-integer', text, warning=True))
         elif isinstance(expression, Name | Apply):
@@ -283,7 +283,7 @@ class Expressions:
         return f'({variable.place}, {variable.slot})', variable.type
 
     def taker(self, expression: Expression) -> tuple[str, str]:
-        """Return the Python text of a variable's Reference, and the variable's type."""
+        """Return the Python text of the Reference to a variable, and the variable's type."""
         if not isinstance(expression, Name | Apply):
             raise SyntaxProblem(expression.at, 'must be a variable', 'type')
         reference, type_name = self.reference(expression)
@@ -443,7 +443,7 @@ class Expressions:
         if key in self.scope.functions:
             result = self.scope.functions[key].result
             if not result:
-                text = f'{name}: its Function line has no As: RC+ takes the value for an Integer'
+                text = f'{name}: no As in its Function line, so RC+ assumes an Integer'
                 self.notes.append(Problem(at, 'type', text, warning=True))
                 result = 'integer'
             slot = self._call(name, arguments, at)

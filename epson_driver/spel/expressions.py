@@ -133,7 +133,10 @@ class Reader:
         return token.kind in (NAME, SYMBOL) and token.lower in texts
 
     def takes(self, *texts: str) -> bool:
-        """Read the next token if it is one of these names or signs. Return whether it was read."""
+        """Read the next token if it is one of `texts`, names or signs.
+
+        Return whether it was read.
+        """
         if self.sees(*texts):
             self._next += 1
             return True
@@ -169,7 +172,7 @@ class Reader:
         return None if self.at_end() or self.sees(*ends) else self.expression()
 
     def _binary(self, lowest: int) -> Expression:
-        """Parse operands with operators of at least the level `lowest`, by precedence climbing."""
+        """Parse operands joined by operators with a precedence of at least `lowest`."""
         if lowest <= _NOT and self.sees('not'):
             token = self.step()
             self._deeper()
@@ -200,7 +203,7 @@ class Reader:
     def _point(self) -> Expression:
         """Parse an operand.
 
-        If it is a point, also parse its changes: `:Z(0)`, `+TLZ(10)`, `/L`, `@1`.
+        For a point, also parse the changes after it: `:Z(0)`, `+TLZ(10)`, `/L`, `@1`.
         """
         left = self._operand()
         while True:

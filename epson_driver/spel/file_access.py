@@ -74,7 +74,7 @@ def read(task: Task, name: str, number: int, count: int | None) -> bytes:
     """Return the next `count` bytes of a file.
 
     If `count` is None, return the next line without its line end. Raises SpelError at the end of
-    the file, or if it is not open for reading.
+    the file, or if the file is not open for reading.
     """
     file = opened(task, name, number)
     if not file.reads:

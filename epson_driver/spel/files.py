@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files of a program: the files in its folder, and the files that it has written.
 
-Written files stay in memory. With `keep` they are also stored in the folder, and paths outside it
-are refused. Existing point files are changed in memory only, so that points of a simulated robot
-never replace taught ones. `ProgramEnvironment` adds the rest of a program's environment: stub
-answers and ports.
+Written files stay in memory. With `keep`, written files are also stored in the folder, and paths
+outside the folder are refused. Existing point files are changed in memory only, so that points of
+a simulated robot never replace taught ones. `ProgramEnvironment` adds the rest of a program's
+environment: stub answers and ports.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -55,11 +55,11 @@ class Files:
         self._written: dict[str, bytes | None] = {}
 
     def fresh(self) -> 'Files':
-        """Return a copy without the written files. It keeps new files only in memory."""
+        """Return a copy without the written files. The copy stores new files only in memory."""
         return Files(self._folder)
 
     def path(self, name: str) -> str:
-        """Return a path in the form used as a key: in lower case, with `/`."""
+        """Return a path as a dictionary key: in lower case, with `/`."""
         return '/'.join(self._parts(name)).lower()
 
     def _parts(self, name: str) -> list[str]:
@@ -137,11 +137,8 @@ def _inside(place: Path) -> list[Path]:
 
 
 Answer = int | float | str | None | list[int | float | str]
-"""An answer of a stub.
-
-It is the value of a function, a list of values for a statement's variables, or None if there are
-no values.
-"""
+"""The result of a statement or function that is replaced by a stub. It is the value of a function,
+a list of values for a statement's variables, or None if there are no values."""
 
 
 class Stubs:

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Formats SPEL+: the case of its words as in the manual, and the indentation of blocks.
+"""Formats SPEL+ sources: the case of words as in the manual, and the indentation of blocks.
 
 RC+'s editor writes words in the manual's case. In 26 public folders (29,942 lines) only five words
-in three lines have another case. The editor keeps the indentation that a user types. This package
-therefore chooses one, which changes a quarter of these lines: labels and directives start in
+in three lines have another case. RC+'s editor keeps the indentation that a user types, so no
+standard exists. The rules here change a quarter of these lines: labels and directives start in
 column 1, and a `Case` is one step within its `Select`. The case of names is not changed, because
 it has no effect on a build, and 27,739 of 27,945 uses have the case of the declaration. The rest
 of a line is not changed either.
@@ -18,10 +18,8 @@ from epson_driver.spel.lexer import NAME, TOKEN, statements_in
 from epson_driver.spel.words import SPELLING
 
 DEFAULT_STEP = '  '
-"""Indentation of a block in a text that has no indentation.
-
-In other texts the existing step is kept.
-"""
+"""Indentation of a block in a text that has no indentation. In other texts the existing step is
+kept."""
 
 _DIRECTIVE = re.compile(r'#\s*(define|undef|ifdef|ifndef|else|endif|include)\b', re.IGNORECASE)
 _OPENING = frozenset({'function', 'do', 'for', 'select'})
@@ -51,7 +49,7 @@ def formatted(text: str) -> str:
 def _step(lines: list[str]) -> str:
     """Return the indentation of one level.
 
-    It is a tab, or the most frequent increase of spaces.
+    A level is a tab, or the most frequent increase of spaces in the text.
     """
     indents = [line[: len(line) - len(line.lstrip(' \t'))] for line in lines if line.strip(_BLANK)]
     first = [indent[0] for indent in indents if indent]
@@ -83,7 +81,7 @@ class _Blocks:
         self._saved: list[list[str]] = []
 
     def depth(self, code: str) -> int:
-        """Return the depth of the next line of the program.
+        """Return the nesting depth of the next line of the program.
 
         `code`: the line without blanks around it.
         """
@@ -109,7 +107,7 @@ class _Blocks:
         return len(self._open) if result is None else result
 
     def _before(self, first: str) -> int:
-        """Close the blocks that a statement ends, and return the depth of the statement."""
+        """Close the blocks that a statement ends, and return the statement's nesting depth."""
         if first in ('case', 'default', 'send') and self._open[-1:] == ['case']:
             self._open.pop()
         block = _CLOSING.get(first)

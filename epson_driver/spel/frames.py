@@ -48,7 +48,7 @@ def added(left: Point, right: Point, sign: float = 1.0) -> Point:
     The result has the flags of P1.
     """
     if left.kind != 'xy' or right.kind != 'xy':
-        raise SpelError(ErrorNumber.ARGUMENT, '+ and - need positions in space')
+        raise SpelError(ErrorNumber.ARGUMENT, '+ and - need points with X, Y and Z')
     values = (a + sign * b for a, b in zip(left.values, right.values, strict=True))
     return replace(left, values=tuple(values))
 
@@ -102,7 +102,7 @@ def in_world(point: Point, locals_: Mapping[int, Point]) -> Point:
 def turned_step(step: Point, locals_: Mapping[int, Point]) -> Point:
     """Convert a step to Local 0.
 
-    The step is along the axes of the local that its flag names (SPEL+ manual p163).
+    A step is along the axes of the local in its flag (SPEL+ manual p163).
     """
     number = local_of(step)
     flags = tuple(flag for flag in step.flags if not flag.isdigit())
@@ -125,11 +125,12 @@ def _frame(number: int, locals_: Mapping[int, Point]) -> Point:
 def frame_of(name: str, points: Sequence[Point], axis: str = 'x') -> Point:
     """Return the frame with this origin, a point on its X axis and a point on its Y axis.
 
-    A single pose can also define the frame. The axis `axis`, 'x' or 'y', passes exactly through
-    its point. Raises SpelError, with the statement's `name`, if the points do not define a frame.
+    A single pose can also define the frame. Only the axis `axis`, 'x' or 'y', passes exactly
+    through its point. Raises SpelError, with the statement's `name`, if the points do not define a
+    frame.
     """
     if any(point.kind != 'xy' for point in points) or len(points) not in (1, 3):
-        raise bad(name, 'takes a place, or an origin and points on X and Y')
+        raise bad(name, 'takes a pose, or an origin and points on X and Y')
     origin = points[0]
     if len(points) == 1:
         return replace(origin, flags=())
@@ -194,7 +195,7 @@ def _unit(vector: Sequence[float]) -> tuple[float, ...]:
 
 
 def _tool_turn(frame: Point) -> _Turn:
-    """Return how a frame rotates orientations. With BaseU this is not the rotation of its axes."""
+    """Return a frame's rotation of orientations. With BaseU it differs from the axes' rotation."""
     if _BASE_U not in frame.flags:
         return _matrix(frame)
     u, v, w, *more = frame.values[3:]
@@ -280,7 +281,7 @@ def new_pallet(corners: tuple[Point, ...], columns: int, rows: int, out: bool) -
         if not 1 <= count <= MAX_PLACES:
             raise bad('Pallet', f'{count} {name} are not in 1..{MAX_PLACES}')
     if columns * rows >= MAX_PLACES:
-        raise bad('Pallet', f'{columns} times {rows} positions are not below {MAX_PLACES}')
+        raise bad('Pallet', f'{columns} times {rows} positions: must be fewer than {MAX_PLACES}')
     if any(corner.kind != 'xy' or len(corner.values) < 3 for corner in corners):
-        raise bad('Pallet', 'the corners must be positions in space')
+        raise bad('Pallet', 'the corners must be points with X, Y and Z')
     return Pallet(corners, columns, rows, out)

@@ -17,7 +17,7 @@ from epson_driver.spel.words import FIRST, WORDS
 
 @dataclass(frozen=True, slots=True)
 class FunctionRule:
-    """One function. `by` determines how it is evaluated.
+    """The rule for one function. `by` determines how it is evaluated.
 
     * 'value': from its arguments alone (library.py).
     * 'task': by the interpreter (builtins.py).
@@ -121,10 +121,8 @@ STUB_RESULTS = {
     }.items()
     for name in names.split()
 }
-"""Kind of the result of functions that are not simulated.
-
-Functions that are not listed return a whole number.
-"""
+"""Name of a function that is not simulated → kind of its result. Functions that are not listed
+return a whole number."""
 
 AXES = ('x', 'y', 'z', 'u', 'v', 'w', 'r', 's', 't', 'st')
 TURNS = ('rx', 'ry', 'rz')
@@ -143,13 +141,13 @@ POINT_FLAGS = frozenset(flag for flags in POSTURES.values() for flag in flags)
 
 
 def subject(flag: str) -> str:
-    """Return the property that a flag sets. A point has at most one flag for each property."""
+    """Return the posture property that a flag sets. A point has one flag for each property."""
     if flag.isdigit():
         return 'local'
     return next((name for name, flags in POSTURES.items() if flag in flags), flag[:3])
 
 
 def counts(arguments: str) -> tuple[int, int]:
-    """Return the minimum and maximum number of arguments in a row of the table."""
+    """Return the minimum and maximum number of arguments for an argument form of the table."""
     kinds = arguments.split(',') if arguments else []
     return sum(not kind.endswith('?') for kind in kinds), len(kinds)

@@ -63,10 +63,10 @@ class NetSettings:
 
 @dataclass(frozen=True, slots=True)
 class MotionRequest:
-    """A statement that moves the arm.
+    """A statement that moves the arm, with its arguments.
 
     * name: in lower case ('go', 'move', …).
-    * points: its targets in order.
+    * points: the targets of the motion in order.
     * cp: whether the motion may blend into the next motion.
     * till: once it returns True, the arm decelerates, and the statement ends without an error. The
       host evaluates it at each scan, and ends the motion with any SpelError that it raises.
@@ -90,7 +90,7 @@ class MotionRequest:
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """The calling task: its number, its function, and its position."""
+    """The task that calls the host: number, current function, and position in the source."""
 
     task: int
     function: str
@@ -110,7 +110,7 @@ class Terminal(Protocol):
     def message_box(self, caller: Caller, text: str, buttons: int, title: str) -> int | None:
         """Return the number of the pressed button, or None while none has been pressed.
 
-        It is called repeatedly until a button is pressed.
+        The interpreter calls it repeatedly until a button is pressed.
         """
 
 
@@ -157,8 +157,8 @@ class Host(Protocol):
     def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point | str:
         """Return the value of a function ('agl', 'realpls', 'ctrlinfo', 'cx', …, in lower case).
 
-        The function decides whether True is -1 or 1. Raises SpelError if the controller refuses
-        the call.
+        Some functions return -1 for True, others 1. Raises SpelError if the controller refuses the
+        call.
         """
 
     def command(
@@ -175,8 +175,7 @@ class Host(Protocol):
     def move(self, request: MotionRequest) -> Completion:
         """Start a motion.
 
-        Raises SpelError if the motion is refused. Its number is 4001 if the target is out of
-        range.
+        Raises SpelError if the motion is refused, with the number 4001 for a target out of range.
         """
 
     def stored_point(self, point: Point) -> Point:
@@ -188,7 +187,7 @@ class Host(Protocol):
 
     @property
     def network(self) -> Network:
-        """Return the ports."""
+        """Return the interface to the network ports."""
 
     def call_library(
         self, library: str, name: str, arguments: Sequence[Value | Array]

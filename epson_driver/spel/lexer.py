@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A line of SPEL+ as tokens."""
+"""Splits a line of SPEL+ into tokens."""
 
 import math
 import re

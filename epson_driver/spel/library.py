@@ -37,9 +37,9 @@ def number_text(value: float, digits: int = DOUBLE_DIGITS) -> str:
 
 
 def _string(value: float, digits: int = DOUBLE_DIGITS) -> str:
-    """Return the result of `Str$`.
+    """Return the result of `Str$`: a number as text.
 
-    A whole number beyond the range of Long has 7 digits, like a Real.
+    A whole number outside the range of Long is written with 7 digits, like a Real.
     """
     if isinstance(value, int) and abs(value) < 1 << 31:
         return str(value)
@@ -265,7 +265,5 @@ VALUE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'agltopls': _point('angles'),
     'pulse': _point('pulses'),
 }
-"""Name in lower case → function.
-
-These are the functions that functions.py marks with 'value'.
-"""
+"""Name of a SPEL+ function in lower case → Python function. These are the functions that
+functions.py marks with 'value'."""

@@ -81,10 +81,8 @@ LONGEST_NAME = 32
 LONGEST_FUNCTION_NAME = 64
 MAX_WAIT_VARIABLES = 64
 _LAST = {'<': -1, '<=': 0, '>': 1, '>=': 0}
-"""Comparison with a limit → difference between the limit and the largest value for which it holds.
-
-For `>` and `>=` it is the smallest value.
-"""
+"""Comparison operator → difference between the limit and the last value for which it is true. The
+last value is the largest one for `<` and `<=`, and the smallest one for `>` and `>=`."""
 
 DEEPEST_FOR = 10
 
@@ -210,7 +208,7 @@ def _long_lines(name: str, text: str) -> Iterator[Problem]:
 
 
 def _task_names(function: Function) -> Iterator[Any]:
-    """Yield nodes that name a task's function without a call.
+    """Yield the nodes that contain a function's name as the name of a task.
 
     Examples: `TaskState(main)`, `Quit main`.
     """
@@ -224,7 +222,7 @@ def _task_names(function: Function) -> Iterator[Any]:
 
 
 def _instead(function: str) -> bool:
-    """Return whether a function is another start function, such as main7."""
+    """Return whether a function is named like a start function other than main, such as main7."""
     return function.startswith('main') and function[4:].isdigit()
 
 
@@ -435,7 +433,7 @@ class _Lint:
                 yield port, node.at
 
     def missing_ports(self, known: Container[int]) -> Iterator[Problem]:
-        """Yield the first OpenNet of each port that has neither a SetNet nor known settings."""
+        """Yield a problem for each opened port that has neither a SetNet nor known settings."""
         set_up: set[int | float | None] = set()
         opened: dict[int, Position] = {}
         for node in self._nodes(Command):
@@ -454,7 +452,7 @@ class _Lint:
 
     @cached_property
     def _waiting(self) -> set[str]:
-        """The functions that wait, or call a function that does."""
+        """Names of the functions that wait, or that call a function that waits."""
         callers: dict[str, set[str]] = defaultdict(set)
         for name, function in self.functions.items():
             for node in function.nodes:
@@ -470,7 +468,7 @@ class _Lint:
             tests = [test for test in (node.before, node.after) if test is not None]
             polls = any(self._asks(test.condition) for test in tests)
             if (polls or not tests) and not any(map(self._is_wait, walk(node.body))):
-                text = 'the loop has no Wait: put one of 0.01 s or more into it'
+                text = 'the loop has no Wait: add a Wait of 0.01 s or more'
                 yield Problem(node.at, 'endless-loop', text, warning=True)
 
     def _is_wait(self, node: Any) -> bool:

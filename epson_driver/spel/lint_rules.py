@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Linter rules about unused code, unreachable code, use by two tasks, and literal numbers."""
+"""Linter rules: unused code, unreachable code, use by several tasks, literal numbers."""
 
 import re
 from collections import ChainMap, Counter
@@ -165,8 +165,8 @@ def unproven(functions: Mapping[str, syntax.Function]) -> Iterator[Problem]:
 def unused(program: Program, files: Mapping[str, str], roots: set[str]) -> Iterator[Problem]:
     """Yield functions and variables whose name occurs only once.
 
-    The functions `roots` are used, because they start tasks. An occurrence in a comment or in an
-    inactive #ifdef counts as a use.
+    The functions in `roots` start tasks, so they count as used. An occurrence in a comment or in
+    an inactive #ifdef is a use, too.
     """
     times = Counter(name for text in files.values() for name in _names(text))
     functions = [element for file in program.files for element in file.functions]
@@ -264,7 +264,7 @@ SIMULATED = {
     'robotinfo': (0,),
     'stat': (0, 1),
 }
-"""Function that is simulated in part → the values of its first argument that it accepts."""
+"""Partly simulated function → values of its first argument for which it is simulated."""
 
 
 def _number(expression: syntax.Expression | None) -> int | float | None:
@@ -340,7 +340,7 @@ Bounds = dict[str, tuple[int, ...]]
 def _arrays(program: Program) -> Iterator[tuple[syntax.Function, ChainMap[str, tuple[int, ...]]]]:
     """Yield each function with the bounds of its arrays.
 
-    The bounds of an array that is resized are ().
+    A resized array has the bounds ().
     """
     resized: Bounds = dict.fromkeys(_resized(program), ())
     shared: Bounds = {}

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scheduler of a controller's tasks, on a clock that the host advances.
 
-One processor is simulated. A task runs for a turn (1 ms of the controller's time), then the next
-task that can run. Each statement takes a certain time on this clock. Two runs are therefore
-identical, whatever computer they run on.
+One processor is simulated. A task runs for 1 ms of the controller's time (`Timing.turn`), then the
+next task that can run. Each statement takes a fixed time on this clock, so a run gives the same
+result on every computer.
 """
 
 from collections.abc import Callable, Iterator
@@ -90,7 +90,8 @@ class TaskView(NamedTuple):
 
 
 KEPT_COMMANDS = 64
-"""Maximum number of cached commands. Clients of `$Execute` often repeat a command."""
+"""Maximum number of compiled commands in the cache. Clients of `$Execute` often repeat a
+command."""
 
 
 class Machine:
@@ -120,7 +121,7 @@ class Machine:
         self._link()
 
     def _link(self) -> None:
-        """Run the program's Python text. It defines the instructions of this machine."""
+        """Run the program's Python text, which defines the instructions of this machine."""
 
         def over(type_name: str, value: int) -> Value:
             raise overflow(type_name, value)
@@ -132,7 +133,7 @@ class Machine:
             raise too_long(text)
 
         def unlabelled(name: str) -> int:
-            text = f'the I/O label {name} has no number: give it IOLabels.dat, or #define {name}'
+            text = f'the I/O label {name} has no number: add it to IOLabels.dat, or #define {name}'
             raise SpelError(ErrorNumber.ARGUMENT, text)
 
         names: dict[str, Any] = {
@@ -265,7 +266,7 @@ class Machine:
         self.world.aborted.clear()
 
     def event(self, name: str, *numbers: int) -> bool:
-        """Start the Trap for an event: 'emergency', 'error', 'sgopen', ….
+        """Start the Trap for an event, such as 'emergency', 'error' or 'sgopen'.
 
         Return whether a Trap was started.
         """
@@ -317,7 +318,7 @@ class Machine:
                 yield TaskView(number, task.function, task.type, task.state, at.file, at.line)
 
     def lines(self) -> dict[str, dict[int, bool]]:
-        """Return, by file and line, whether all instructions of the line have been executed."""
+        """Return for each file and line whether all of its instructions have been executed."""
         result: dict[str, dict[int, bool]] = {}
         for linked in self.world.linked:
             for pc, at in enumerate(linked.code.lines):
@@ -346,7 +347,7 @@ class Machine:
             self.world.time = max(self.world.time, to if due is None else min(to, due))
 
     def advance(self, to: float) -> None:
-        """Run the tasks until the time `to`, s. The last statement may end after it.
+        """Run the tasks until the time `to`, s. The last statement may end after this time.
 
         Waiting tasks are checked even if the clock is already past `to`. A task that waited for an
         event of the host then runs at `next_time()`.
@@ -450,7 +451,7 @@ class Machine:
                     trap.task.interrupted_by = started
 
     def _start_wait(self, task: Task) -> None:
-        """Start the timer of a wait now, because its statement or a pause has just ended."""
+        """Start the timer of a task's wait. Its statement or a pause has just ended."""
         waiting = task.waiting
         if waiting is not None and waiting.until is not None and waiting.duration is not None:
             waiting.until = self.world.time + waiting.duration
@@ -504,7 +505,7 @@ class Machine:
 def _of_program(error: Exception) -> bool:
     """Return whether the program caused an exception.
 
-    It did if generated code, library.py, values.py or frames.py raised the exception.
+    It has if generated code, library.py, values.py or frames.py raised the exception.
     """
     trace = error.__traceback__
     assert trace is not None  # noqa: S101 - it was raised

@@ -3,7 +3,7 @@
 """Parses lines of tokens to functions and declarations by recursive descent.
 
 Each form of a statement has one method. An invalid statement is recorded as a problem, and parsing
-continues with the next line. So one run reports all problems.
+continues with the next line, so one run reports all problems.
 """
 
 from collections.abc import Container, Iterable, Iterator
@@ -486,7 +486,7 @@ def _test(reader: Reader) -> Test | None:
 
 
 def _displayed(first: Token) -> list[Statement]:
-    """Return the `Print` statements for a statement that has no argument, such as `Speed`."""
+    """Return `Print` statements for a setting without an argument, such as `Speed`."""
     at = first.position
     lines: list[tuple[Expression, ...]] = [
         tuple(Apply(first.text, (Argument(Number(item, at)),), at) for item in line)

@@ -45,7 +45,7 @@ def label_of(task: Task, number: int) -> str:
 
 
 def _written_labels(task: Task) -> dict[int, str]:
-    """Return the labels in their original spelling, by the number of their point."""
+    """Return the labels of points in their original spelling, by point number."""
     world = task.world
     return {number: world.spelling.get(key, key) for key, number in world.point_labels.items()}
 
@@ -69,7 +69,7 @@ def list_points(task: Task, first: int | None = None, last: int | None = None) -
 def load_points(task: Task, name: str, words: tuple[str, ...] = ()) -> None:
     """Execute `LoadPoints name[, Merge]`.
 
-    The file belongs to the project, or was written by `SavePoints`.
+    `name`: a file of the project, or one written by `SavePoints`.
     """
     world = task.world
     file = world.program.data.point_files.get(name.lower())
@@ -98,7 +98,7 @@ def save_points(task: Task, name: str) -> None:
 def _set_hand(task: Task, number: int | None = None, value: float | None = None) -> None:
     """Execute `Hand [point[, 1|2]]`.
 
-    1 sets Righty and 2 sets Lefty. Without a value, print the current one.
+    1 sets Righty and 2 sets Lefty. Without a value, print the current value.
     """
     if number is None or value is None:
         print_terminal(task, f'{_hand(task, None if number is None else point(task, number))}\n')

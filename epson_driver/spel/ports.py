@@ -228,7 +228,7 @@ def _line_end(data: bytes, terminator: bytes) -> int:
 def print_to(
     task: Task, number: int | None, items: tuple[tuple[Value | Point, str], ...], line: bool
 ) -> None:
-    """Execute `Print [#n,] a, b[,]`. `line`: whether to end the printed line."""
+    """Execute `Print [#n,] a, b[,]`. `line`: whether to print a line end."""
     text = ' '.join(text_of(value, kind) for value, kind in items)
     if number is None or number in _DISPLAYS:
         task.owe('print')

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Converts text lines to token lines: #define, #undef, #ifdef, #ifndef, #else, #endif, #include.
 
-A definition is valid from its line to the end of the program file, including its included files.
+A definition is valid from its line to the end of the program file, also in files included there.
 """
 
 import re
@@ -108,7 +108,7 @@ class Preprocessor:
             yield Line(result[0].position, tuple(self._expanded(result)))
 
     def _refuse_declarations(self, found: list[Token]) -> None:
-        """Raise SyntaxProblem if a #define is used as a label, or expands to a declaration."""
+        """Raise SyntaxProblem if a macro is used as a label, or expands to a declaration."""
         start = True
         for place, token in enumerate(found):
             definition = self.definitions.get(token.lower) if start else None
@@ -206,7 +206,7 @@ class Preprocessor:
 def _arguments(
     found: list[Token], at: int, name: Token, count: int
 ) -> tuple[list[list[Token]], int]:
-    """Return a definition's arguments, and the index of the token that follows them."""
+    """Return a macro call's arguments, and the index of the token that follows them."""
     problem = SyntaxProblem(name.position, f'{name.text} needs {count} arguments in ( )')
     if at >= len(found) or found[at].text != '(':
         raise problem

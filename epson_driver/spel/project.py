@@ -57,7 +57,7 @@ def add_missing(
     functions: set[str],
     notes: list[Problem],
 ) -> None:
-    """Add the labels that a project without .sprj, .pts or IOLabels.dat leaves undefined.
+    """Add labels that are undefined because the .sprj, .pts or IOLabels.dat file is missing.
 
     Points get the numbers 999, 998, … and no position. I/O labels are added to `data.unlabelled`.
     For each added label, `notes` gets a warning.
@@ -79,12 +79,12 @@ def add_missing(
 
 
 def _note(notes: list[Problem], token: Token, kind: str, why: str) -> None:
-    text = f'{token.text} is taken for the label of {kind}: {why}'
+    text = f'{token.text} is treated as the label of {kind}: {why}'
     notes.append(Problem(token.position, 'project-file', text, warning=True))
 
 
 def _declared(lines: Iterable[Line]) -> set[str]:
-    """Return the names in all lines that contain a type. The lines may declare these names."""
+    """Return the names in all lines that contain a type, which may be declarations."""
     result: set[str] = set()
     for line in lines:
         if any(token.lower in TYPES for token in line.tokens):
@@ -147,10 +147,8 @@ MAX_ELEMENTS = 2_000_000
 """Maximum number of elements in all shared arrays together."""
 
 MAX_TEXT = 50_000
-"""Maximum number of characters of Python text in one compilation.
-
-Each character needs about 150 bytes of memory.
-"""
+"""Maximum number of characters of Python text in one compilation. Each character needs about 150
+bytes of memory."""
 
 OFF = "'"
 """Prefix that turns a #define line into a comment."""
@@ -164,9 +162,8 @@ _DEFINE = re.compile(r"\s*'?#define\s+([A-Za-z]\w*)(?:\s+(.*))?$")
 def with_defines(files: Mapping[str, str], values: Mapping[str, str]) -> dict[str, str]:
     """Return the files with other values in their #define lines.
 
-    The value '' disables a line with a leading '. Any other value enables a line that was disabled
-    in this way. Raises InputError if no file has a line for a name, or if a value is not
-    printable.
+    The value '' disables a line by a leading '. Any other value enables a line that is disabled in
+    this way. Raises InputError if no file defines a name, or if a value is not printable.
     """
     left = dict(values)
     changed = {}
@@ -257,7 +254,7 @@ def build_with(
             key = function.name.lower()
             if key in functions:
                 first = functions[key].at
-                text = f'function {function.name} stands in {first.file}:{first.line} too'
+                text = f'function {function.name} is also defined in {first.file}:{first.line}'
                 problems.append(Problem(function.at, 'declaration', text))
                 continue
             functions[key] = function
@@ -304,7 +301,8 @@ def build_with(
 def command(program: Program, text: str) -> FunctionCode:
     """Compile statements of the command window. Raises ProgramError if they are invalid.
 
-    They may use the Global variables of the program. An unterminated string ends with the text.
+    The statements may use the Global variables of the program. An unterminated string ends with
+    `text`.
     """
     at = Position(COMMAND, 1)
     problems: list[Problem] = []

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The data of a project besides its programs: points, and labels of points, I/O and errors.
+"""The data of a project besides its programs: points, labels of points and I/O, error messages.
 
 A project is a mapping from file name to text, as returned by `read_project`.
 """
@@ -164,10 +164,10 @@ def encoded(text: str) -> Iterator[bytes]:
 
 
 def resealed(old: str, new: str) -> str:
-    """Return the text `new` of a file of RC+, with its size and checksum in the header.
+    """Return the text `new` of an RC+ file with a corrected size and checksum in its header.
 
-    The bytes are counted in the encoding of `old`. If the header of `old` is wrong, `new` is
-    returned unchanged.
+    `old`: the previous text, in whose encoding the bytes are counted. If its header is wrong,
+    `new` is returned unchanged.
     """
     for name in ('utf-8', *_LEADS, 'latin-1'):
         with suppress(UnicodeEncodeError):
@@ -182,16 +182,12 @@ _LEADS = {
     'gb18030': range(0xB0, 0xD8),
     'big5': range(0xA4, 0xC7),
 }
-"""Code page → lead bytes of its common characters.
-
-They are the kana, and the first level of kanji, hanzi or hangul.
-"""
+"""Code page → lead bytes of its common characters. Common characters are the kana, and the first
+level of kanji, hanzi or hangul."""
 
 _COMMON_SHARE = 0.6
-"""Minimum fraction of common characters among two-byte characters.
-
-German text has no such pairs of bytes.
-"""
+"""Minimum fraction of common characters among two-byte characters. German text has no such pairs
+of bytes."""
 
 
 def _code_page(content: bytes) -> str:

@@ -13,7 +13,7 @@ _TASKS = (1, 267)
 _CHARACTERS = (0, LONGEST_STRING)
 _LONGEST = 1e7  # maximum time in a statement, s
 _MAX = 32767
-"""Maximum of numbers that the robot or its I/O limits, while the manual states no limit."""
+"""Maximum of numbers for which the manual states no limit, because it depends on robot or I/O."""
 
 RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
     name: ranges
@@ -72,10 +72,8 @@ RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
     )
     for name in names.split()
 }
-"""Name in lower case → ranges of the arguments.
-
-`arch(` is the function, and `arch` the statement.
-"""
+"""Name in lower case → ranges of the arguments. `arch(` is the function, and `arch` the
+statement."""
 
 
 def key_of(name: str) -> str:
@@ -90,7 +88,7 @@ def limits(key: str, place: int) -> tuple[float, float] | None:
 
 
 def outside(key: str, place: int, value: float) -> str:
-    """Return the error text if `value` is out of range, or else ''."""
+    """Return an error text if `value` is out of range, else ''."""
     low, high = limits(key, place) or (-inf, inf)
     if low <= value <= high:
         return ''

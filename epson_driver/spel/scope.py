@@ -26,14 +26,12 @@ LIMITS = {
     'global': (100_000, 10_000),
     'preserve': (4_000, 400),
 }
-"""Scope → maximum number of elements in an array of numbers, and in an array of strings.
-
-Source: SPEL+ manual p952.
-"""
+"""Scope → maximum number of elements in an array of numbers, and in an array of strings. Source:
+SPEL+ manual p952."""
 
 
 def constant(expression: Expression, constants: Mapping[str, int | str]) -> int | float | None:
-    """Return the value of a numeric expression if it is constant, or else None."""
+    """Return the value of a numeric expression, or None if it is not constant."""
     if isinstance(expression, Number):
         return expression.value
     if isinstance(expression, Name):
@@ -58,13 +56,13 @@ def constant(expression: Expression, constants: Mapping[str, int | str]) -> int 
 
 
 ONE_WHEN_ON = frozenset({'sw', 'memsw', 'oport', 'btst', 'motor', 'power', 'cp'})
-"""Functions that return 1 instead of True, which is -1."""
+"""Functions that return 1 when on, although True is -1."""
 
 
 def against_true(expression: Binary) -> Binary:
     """Convert `i = True` to `i <> 0`, which is its meaning in the SPEL+ manual (p420).
 
-    Functions such as Sw return 1, but True is -1 (p995).
+    This matters for functions such as Sw, which return 1, because True is -1 (p995).
     """
     for one, other in ((expression.left, expression.right), (expression.right, expression.left)):
         named = isinstance(one, Name) and one.name.lower() == 'true'

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""spel.yaml, the file beside a project with the settings that RC+ stores outside the project.
+"""spel.yaml, a file in a project's folder with settings that RC+ stores outside the project.
 
 RC+ stores these settings in the controller or in its system configuration. `KEYS` is the table of
-their keys, for the file and for the option --set.
+keys for the file and for the option --set.
 """
 
 import re
@@ -31,7 +31,7 @@ from epson_driver.spel.ranges import PORTS
 from epson_driver.spel.words import WORDS
 
 MAX_FRAMES = 15
-"""Highest number of a tool, and of a local."""
+"""Highest number of a tool or a local."""
 
 _ENDS = {'CR': '\r', 'LF': '\n', 'CRLF': '\r\n'}
 _COORDINATE = number(-1e6, 1e6)
@@ -41,7 +41,7 @@ _COORDINATE = number(-1e6, 1e6)
 class Settings:
     """The settings of a project.
 
-    * robot, controller: their models, or None if they are not set.
+    * robot, controller: model of the robot and of the controller, or None if not set.
     * ports: settings of ports 201 to 216.
     * stubs: statement or function that is not simulated → its results, in order.
     * setup: statements to run before main.
@@ -70,7 +70,7 @@ class Settings:
 class Key(NamedTuple):
     """The rule for the value of a key.
 
-    If the value has items, `item` is the rule for their keys.
+    If the value is a mapping, `item` is the rule for its keys.
     """
 
     value: Rule
@@ -137,8 +137,8 @@ def read_settings(
 ) -> Settings:
     """Return the settings of a folder's spel.yaml, if any, with the overrides KEY[.ITEM]=VALUE.
 
-    `names`: further overrides by key, as plain texts. Those that are None are ignored. Raises
-    InputError, which names the allowed values, if a key or a value is invalid.
+    `names`: further overrides by key, as plain texts, or None for no override. Raises InputError
+    with the allowed values if a key or a value is invalid.
     """
     path = None if folder is None else folder / SETTINGS_FILE
     there = path is not None and (path.exists() or path.is_symlink())

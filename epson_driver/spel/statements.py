@@ -160,7 +160,9 @@ class Statements:
         """Parse `Xqt [n,] f[(…)] [, type]`."""
         number: Expression | None = None
         if reader.sees('!'):
-            raise SyntaxProblem(reader.here.position, 'the task has no ! (p912): write it without')
+            raise SyntaxProblem(
+                reader.here.position, 'Xqt takes no ! before a task (p912): remove it'
+            )
         is_name = reader.here.kind == NAME and reader.here.lower in self._functions
         if not is_name:
             missing = reader.here
@@ -191,7 +193,7 @@ class Statements:
     def read_wait(self, reader: Reader, first: Token) -> Wait:
         """Parse `Wait time` or `Wait condition[, time]`.
 
-        The compiler decides which of them it is.
+        The compiler decides whether the argument is a time or a condition.
         """
         condition = reader.expression()
         time = reader.expression() if reader.takes(',') else None
@@ -377,7 +379,8 @@ class Statements:
     def read_pass(self, reader: Reader, first: Token) -> list[Statement]:
         """Parse `Pass P1, On 2, P(3:6)`.
 
-        Statements such as `On` divide it into several motions (SPEL+ manual p604).
+        Statements such as `On` between the points divide it into several motions (SPEL+ manual
+        p604).
         """
         points: list[Expression] = []
         read: list[Statement] = []
@@ -458,7 +461,7 @@ class Statements:
     def _beside(self, part: list[Token]) -> list[Statement]:
         """Parse a parallel statement.
 
-        It is `D50`, or a statement that does not move the arm.
+        Allowed are `D50` and statements that do not move the arm.
         """
         first = part[0]
         digits = first.lower[1:]
@@ -470,7 +473,7 @@ class Statements:
         read = self._statement(part)
         for item in read:
             if isinstance(item, Motion | Label | If | Do | For | Select):
-                text = f'{first.text} cannot stand in !…!'
+                text = f'{first.text} is not allowed in !…!'
                 raise SyntaxProblem(first.position, text)
         return read
 
@@ -502,7 +505,7 @@ class Statements:
 
 
 def _without_local(argument: Argument) -> Argument:
-    """Return the last limit of `Box` without the local that can follow it, as in `50 /LOCAL1`."""
+    """Return the last limit of `Box` without a local after it, as in `50 /LOCAL1`."""
     value = argument.value
     local = isinstance(value, Binary) and getattr(value.right, 'name', '').lower()[:5] == 'local'
     return Argument(value.left) if isinstance(value, Binary) and local else argument

@@ -60,9 +60,9 @@ class Symbol:
 
     @property
     def key(self) -> tuple[bool, tuple[str, str], str]:
-        """Key that identifies the name.
+        """Key that distinguishes this symbol from others, including those with the same name.
 
-        A label and a variable can have the same name.
+        For example, a label and a variable can have the same name.
         """
         return self.kind == 'label', self.scope, self.name.lower()
 
@@ -100,8 +100,8 @@ _Token = tuple[str, str, int]
 def _facts(line: str) -> tuple[tuple[str, str, int, str, bool], ...]:
     """Return the names in a line.
 
-    For each name: kind, name in lower case, column, detail, and whether a bracket follows. The
-    kinds are the kinds of `Symbol`, 'use', 'jump' (to a label), 'global', and 'fend'.
+    Each entry contains a kind, the name in lower case, column, detail, and whether a bracket
+    follows. The kind is a kind of `Symbol`, 'use', 'jump' (to a label), 'global', or 'fend'.
     """
     code = line.lstrip(' \t\ufeff')
     facts: list[tuple[str, str, int, str, bool]] = []
@@ -172,7 +172,7 @@ def _uses(tokens: list[_Token]) -> Iterator[tuple[str, str, int, str, bool]]:
 
 
 def _left(signs: list[str], place: int) -> str:
-    """Return the name in an operand whose last token is `place`.
+    """Return the name in the operand that ends at the token with the index `place`.
 
     Brackets, axes and flags after the name are skipped.
     """
@@ -313,7 +313,7 @@ class ProjectSymbols:
         return []
 
     def _meant(self, file: str, use: Use) -> tuple[list[Symbol], int]:
-        """Return the symbols that a name may denote, and the offset of their name in it.
+        """Return the symbols that a used name may denote, and the offset of their name in it.
 
         The offset is 1 for `Pctr`, which is short for `P(ctr)`.
         """

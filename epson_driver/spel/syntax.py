@@ -254,7 +254,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class Stub:
-    """A statement that is not simulated (vision, conveyors, windows), and whose results are given.
+    """A statement that is not simulated (vision, conveyors, windows). Its results are given.
 
     `indices` select one of several results: `VGet find.Blob01.RobotXYU(i)`.
     """
@@ -415,7 +415,7 @@ class Function:
 
 @dataclass(frozen=True, slots=True)
 class Declare:
-    """A function of a DLL."""
+    """A declared function of a DLL."""
 
     name: str
     library: str

@@ -36,10 +36,8 @@ LAST_NORMAL, FIRST_BACKGROUND, LAST_BACKGROUND, FIRST_TRAP = 32, 65, 80, 257
 FIRST_BACKGROUND to LAST_BACKGROUND, and trap tasks FIRST_TRAP and above.
 """
 FIRST_HELPER = 1000
-"""Number that is added to a task's number to get the number of its parallel statements (`!…!`).
-
-They are executed as a separate task, next to the task that moves the arm.
-"""
+"""Number that is added to a task's number to get the number of its parallel statements (`!…!`). A
+separate task executes parallel statements, next to the task that moves the arm."""
 COMMAND_TASK = 0
 """Task number of the command window, which no program can use."""
 
@@ -90,7 +88,7 @@ class Timing:
 
 @dataclass(slots=True)
 class Linked:
-    """A function with its executable instructions.
+    """A compiled function with its executable instructions.
 
     `hits` is 1 for each instruction that has been executed.
     """
@@ -121,10 +119,9 @@ class Frame:
 class Waiting:
     """The condition of a waiting task: a time, a test, or both.
 
-    * until, duration: the time at which the wait ends, and its length, s, or None without a time
-      limit.
-    * scanned: whether the test is evaluated only every `Timing.scan` s, like the controller does,
-      instead of after each turn of a task.
+    * until, duration: end time of the wait, and its length, s, or None without a time limit.
+    * scanned: whether the test is evaluated only every `Timing.scan` s, as on the controller,
+      instead of each time a task has run.
     * after: called at the end of the wait, with True after a timeout.
     """
 
@@ -156,7 +153,7 @@ class OpenFile:
 class Trap:
     """An armed Trap 1 to 4.
 
-    `target` is a function. For GoTo it is an instruction in `frame`.
+    `target`: the function to run or, for GoTo, an instruction in `frame`.
     """
 
     task: 'Task'
@@ -253,7 +250,7 @@ class SharedState:
     def end(self, task: 'Task') -> None:
         """End a task.
 
-        Its locks are released. Its ports stay open, but belong to no task.
+        The task's locks are released. Its ports stay open, but belong to no task.
         """
         helper = self.tasks.get(FIRST_HELPER + task.number)
         if helper is not None:
@@ -376,7 +373,7 @@ class Task:
         self.current.handler = handler
 
     def resumed(self) -> None:
-        """End the handling of an error. Raises SpelError if no error is being handled."""
+        """Mark the current error as handled. Raises SpelError if no error is being handled."""
         if not self.current.handling:
             raise SpelError(ErrorNumber.RESUME)
         self.current.handling = False
@@ -384,7 +381,7 @@ class Task:
     def resume(self, following: bool) -> int:
         """Return the instruction at which EResume continues.
 
-        It is in the failed statement, or if `following`, in the statement after it.
+        It is the start of the failed statement or, if `following`, of the next statement.
         """
         self.resumed()
         frame = self.current
@@ -458,7 +455,7 @@ class Task:
         then: Callable[[bool], None] | None = None,
         scanned: bool = False,
     ) -> None:
-        """Wait like `wait`, and set TW to whether the wait timed out.
+        """Wait like `wait`, and store whether the wait timed out as the value of TW.
 
         Then call `then` with this value.
         """
@@ -474,7 +471,7 @@ class Task:
     def discontinue(self) -> None:
         """End the current wait and the current motion.
 
-        A Trap has interrupted their statement (SPEL+ manual p852).
+        It is called when a Trap interrupts the task's statement (SPEL+ manual p852).
         """
         helper = self.world.tasks.get(FIRST_HELPER + self.number)
         if helper is not None:
@@ -580,7 +577,7 @@ class Task:
         self.wait_for(completion)
 
     def stored(self, name: str) -> Callable[[], bool]:
-        """Return the condition that Till, Find or Sense stored, by default Sw(0) (manual p829)."""
+        """Return the condition stored by Till, Find or Sense (default: Sw(0), manual p829)."""
         test = self.world.conditions.get(name)
         if test is None:
             host = self.world.host
@@ -627,9 +624,9 @@ class Task:
         self.wait(None, lambda: completion.done and helper.frame is None, after)
 
     def wait_fraction(self, percent: float) -> None:
-        """Wait until a motion is completed by `percent`.
+        """Wait until `percent` of a motion are complete.
 
-        This task executes the parallel statements of the motion.
+        It is called by the task that executes the motion's parallel statements.
         """
         motion = self.motion
         assert motion is not None  # noqa: S101 - the compiler puts it into !…! only

@@ -22,7 +22,7 @@ LONGEST_STRING = 255
 
 
 class Type(NamedTuple):
-    """A declared type: kind of its values, range of whole values, and initial value."""
+    """A type of variables: kind of value, range of whole numbers, and initial value."""
 
     kind: str
     least: int = 0
@@ -80,7 +80,7 @@ class Array:
         return place
 
     def resize(self, bounds: tuple[int, ...], keep: bool) -> None:
-        """Change the bounds.
+        """Change the upper bounds of all dimensions.
 
         With `keep`, elements that are within both the old and the new bounds keep their values.
         """

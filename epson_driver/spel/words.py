@@ -31,9 +31,9 @@ class Word:
 
     @property
     def window(self) -> bool:
-        """Whether the command window accepts the word.
+        """Whether a line of the command window may start with the word.
 
-        It accepts a function only inside of a statement.
+        Functions are only allowed inside of a statement.
         """
         return 'window' in self.uses or self.uses == {'function'}
 

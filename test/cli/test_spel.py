@@ -139,7 +139,7 @@ def test_test_functions_run_and_are_reported(program: Path) -> None:
     assert done.returncode == 1
     assert done.stdout.splitlines() == [
         'passed TestAdds (0.000 s)',
-        "FAILED TestFails: tests.prg:8: error 8002: an error of the program's own: handle it "
+        'FAILED TestFails: tests.prg:8: error 8002: an error defined by the program: handle it '
         '(OnErr), or add it to UserErrors.dat',
         '  about to fail',
         'passed TestWaits (100.000 s)',

@@ -26,7 +26,7 @@ BY_THE_LINTER = {
     'endless loop': (
         'Function main\n  Do\n    MemOn 1\n  Loop\nFend',
         'main.prg:2:3: warning: ',
-        'the loop has no Wait: put one of 0.01 s or more into it',
+        'the loop has no Wait: add a Wait of 0.01 s or more',
     ),
     'two tasks on one port': (
         'Function main\n  Xqt a\n  OpenNet #201 As Server\nFend\n'
@@ -39,7 +39,7 @@ WHEN_IT_RUNS = {
     'endless loop': (
         'Function main\n  Integer i\n  Do\n    i = 1\n  Loop\nFend',
         'main.prg:',
-        'error 2556 in main (task 1): an endless loop without a Wait: put one of 0.01 s or more',
+        'error 2556 in main (task 1): an endless loop without a Wait: add a Wait of 0.01 s',
     ),
     'array out of range': (
         'Function main\n  Integer a(3), i\n  i = 7\n  a(i) = 1\nFend',
@@ -49,12 +49,12 @@ WHEN_IT_RUNS = {
     'division by zero': (
         'Function main\n  Integer i, z\n  i = 1 / z\nFend',
         'main.prg:3: ',
-        'error 9991 in main (task 1): division by zero: look at the divisor before',
+        'error 9991 in main (task 1): division by zero: check the divisor first',
     ),
     'error without a handler': (
         'Function main\n  Error 8100\nFend',
         'main.prg:2: ',
-        "error 8100 in main (task 1): an error of the program's own: handle it (OnErr), or add it",
+        'error 8100 in main (task 1): an error defined by the program: handle it (OnErr), or',
     ),
     'two tasks on one port': (
         'Function main\n  OpenNet #201 As Server\n  Xqt 2, a\n  Wait 1\nFend\n'

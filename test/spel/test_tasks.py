@@ -381,7 +381,7 @@ def test_endless_loop_without_wait_is_an_error() -> None:
     (failure,) = run(source, 20.0).failures
     assert failure.number == ErrorNumber.ENDLESS_LOOP
     assert failure.position.line in (3, 4)
-    assert 'put one of 0.01 s or more into it' in str(failure)
+    assert 'add a Wait of 0.01 s or more' in str(failure)
 
 
 def test_result_does_not_depend_on_the_time_steps() -> None:
