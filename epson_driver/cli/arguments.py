@@ -50,7 +50,7 @@ def add_ports(parser: argparse.ArgumentParser, unused: str) -> None:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one sentence that suggests the nearest option or choice."""
+    """A parser that reports an error in one sentence and suggests the nearest option or choice."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         words = sys.argv[1:] if args is None else list(args)
@@ -84,7 +84,7 @@ class _Formatter(argparse.HelpFormatter):
 
 
 def help_texts(description: str, examples: Sequence[str], codes: str, more: str = '') -> Any:
-    """Return keyword arguments of ArgumentParser.
+    """Return keyword arguments for ArgumentParser that show a help text.
 
     `codes` describes the exit codes, and `more` is the text after them.
     """
@@ -94,7 +94,7 @@ def help_texts(description: str, examples: Sequence[str], codes: str, more: str 
 
 
 def argument(rule: Rule, parse: Callable[[str], object] | None = None) -> Callable[[str], Any]:
-    """Return a `type` for argparse that checks a rule.
+    """Return a `type` for argparse that parses an argument and checks `rule`.
 
     `parse` converts the text (default: to a number).
     """
@@ -128,10 +128,10 @@ def parsed(
 ) -> argparse.Namespace:
     """Parse a command line that may contain a robot's file (robot.yaml) instead of a value.
 
-    After --robot, the file's robot model is used, and after other options its address. As an
-    argument of its own it is the file's setting `positional`, or an error if this is ''. The other
-    settings of the file replace the parser's defaults. `refused` is the reason why the command
-    accepts no such file, or ''.
+    After --robot, the file's robot model is used, and after other options its address. A file that
+    follows no option stands for its setting `positional`, or is an error if `positional` is ''.
+    The other settings of the file replace the parser's defaults. `refused` is the reason why the
+    command accepts no such file, or ''.
     """
     words = list(sys.argv[1:] if words is None else words)
     end = words.index('--') if '--' in words else len(words)

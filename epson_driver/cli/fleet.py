@@ -35,7 +35,7 @@ from epson_driver.processes.processes import Process, RunError
 PROGRAM, START_TIMEOUT_S = 'fast-discovery-server', 300.0
 SERVER, RANGE = 'ROS_DISCOVERY_SERVER', 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 WINDOW_S, QUEUE = 2.0, 2000
-"""Interval over which the table shows means, s. Maximum number of joint states in it."""
+"""Averaging interval of the table, s, and maximum number of joint states in an interval."""
 
 
 class Row(NamedTuple):
@@ -51,9 +51,9 @@ class Row(NamedTuple):
 
 
 class Fleet:
-    """The states of running robots.
+    """Measures link state, joint state rate, CPU and memory of running robots.
 
-    `robots`: namespace → processes of the driver and the controller.
+    `robots`: namespace of a robot → its driver process and its controller process.
     """
 
     def __init__(self, robots: dict[str, tuple[Process, Process]]) -> None:

@@ -58,7 +58,7 @@ def _failed(error: object) -> int:
 
 
 def _words() -> tuple[list[str], bool]:
-    """Return the arguments without ROS arguments, and whether ROS is installed."""
+    """Return the command line without ROS arguments, and whether ROS is installed."""
     try:
         from rclpy.utilities import remove_ros_args
     except ModuleNotFoundError:

@@ -16,9 +16,9 @@ FOUND = 1
 
 
 def path_from_here(folder: Path, name: str) -> str:
-    """Return the path of a file in `folder`.
+    """Return the path of a file in `folder`, for messages.
 
-    It is relative if the file is inside of the current folder.
+    A path inside the current folder is relative.
     """
     path = folder / name
     here = Path.cwd()

@@ -201,7 +201,7 @@ def _sheets(model: RobotModel) -> list[Sheet]:
 
 
 def _quantities(model: RobotModel) -> Iterator[tuple[str, Array]]:
-    """Yield the name and the values of each quantity.
+    """Yield the name and the values of each quantity in the table of a model.
 
     Limits are given in degrees or mm and in SI units.
     """

@@ -177,8 +177,7 @@ def _check(arguments: argparse.Namespace) -> int:
 def _projects(paths: list[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
     """Yield each project: its folder and its files.
 
-    Each folder in `paths` is a project, and so are all files in `paths` that are in the same
-    folder.
+    Each folder in `paths` is a project. Files in `paths` that share a folder form a project, too.
     """
     single: dict[Path, dict[str, str]] = {}
     for path in paths:

@@ -32,10 +32,8 @@ from epson_driver.spel.lint import check
 from epson_driver.spel.project import TESTS
 
 FIRST_OUTPUT_BYTE_6 = '0'
-"""IO_FIRST_OUTPUT_BYTE for RC+ 6.
-
-RC+ 6 reserves no outputs for remote control (SPEL+ manual p953).
-"""
+"""IO_FIRST_OUTPUT_BYTE for RC+ 6. RC+ 6 reserves no outputs for remote control (SPEL+ manual
+p953)."""
 
 BUILT_IN = ('t', 'vt')
 """Controllers that are built into the arms of the series of the same name."""

@@ -45,7 +45,7 @@ def _sources(paths: list[Path]) -> Iterator[Path]:
 
 
 def _format(arguments: argparse.Namespace) -> int:
-    """Format files. Their line ends and encodings are preserved."""
+    """Format source files in place. Line ends and encodings are preserved."""
     changed = 0
     for path in _sources(arguments.files):
         content = read_file(path, LARGEST_FILE)

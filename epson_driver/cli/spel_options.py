@@ -64,7 +64,7 @@ def add_program_options(parser: argparse.ArgumentParser) -> None:
 def settings_of(arguments: argparse.Namespace, folder: Path | None) -> Settings:
     """Return the settings for a program.
 
-    They come from the spel.yaml in `folder`, if a folder is given. The options override them.
+    The options on the command line override the spel.yaml in `folder`, if a folder is given.
     """
     return read_settings(
         folder, arguments.set, robot=arguments.robot, controller=arguments.controller
@@ -78,10 +78,12 @@ def program_of(
     folder: Path,
     starts: str = 'main',
 ) -> Program:
-    """Return the program in `files`, with new values of #define lines and with its settings.
+    """Compile `files` with the command line's #define values and the settings' statements.
 
-    `starts`: pattern of the names of functions that start with the statements of the settings.
-    File paths in a ProgramError are relative to the current folder.
+    * settings: `settings.statements` are inserted at the start of functions.
+    * starts: pattern for the names of these functions.
+
+    Raises ProgramError if the program is invalid, InputError if the settings' statements are.
     """
     files = with_defines(files, dict(arguments.define))
     try:
@@ -102,6 +104,6 @@ def environment_of(
 ) -> ProgramEnvironment:
     """Return the environment of a program.
 
-    `keep`: whether the files that the program writes are stored in `folder`.
+    `keep`: whether files that the program writes are stored in `folder`, or only in memory.
     """
     return ProgramEnvironment(settings.stubs, settings.ports, Files(folder, keep))

@@ -30,9 +30,9 @@ MAX_READS = 10
 
 
 def recorded_run(trace: Path, model: RobotModel, what: str) -> Run:
-    """Return the run up to now, from the trace of a driver that is still recording.
+    """Return the run until now, from a trace that a driver is still writing.
 
-    The trace is read again until it contains messages from after this call.
+    The trace is read repeatedly until it contains messages that are newer than this call.
     """
     until = time.time_ns()
     for _ in range(MAX_READS):

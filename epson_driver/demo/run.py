@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Executes a planned trajectory with a controller and a driver.
 
-It evaluates and reports the motion.
+The motion is measured, judged and reported.
 """
 
 import asyncio
@@ -46,7 +46,7 @@ TITLES = {'ptp': 'point to point', 'smooth': 'smooth', 'spel': 'SPEL+ program'}
 def deadlines_missed(remote_port: int) -> int:
     """Return the number of deadlines missed by the simulated controller on this machine.
 
-    It counts late motion cycles and late plans of the smoother by its own clock.
+    The controller counts late motion cycles and late plans of the smoother by its own clock.
     """
     command = execute('127.0.0.1', remote_port, ['Sim,timing'], TIMEOUT_S)
     cycles, plans, *_ = asyncio.run(command)[0].split(',')
@@ -82,9 +82,9 @@ def run(
 ) -> int:
     """Execute a trajectory once per motion and controller profile, and return the exit code.
 
-    The exit code is 0 only if the arm followed the plan, and TOO_BUSY if that is uncertain.
-    `staying`: also run the panel, and keep everything running until Ctrl-C. It requires a single
-    motion.
+    The exit code is 0 if the arm followed the plan, TOO_BUSY if a busy machine makes this
+    uncertain, else 1. `staying`: also run the panel, and keep everything running until Ctrl-C.
+    This requires a single motion.
     """
     model = load_robot_model(robot)
     runs = []
@@ -110,7 +110,7 @@ def run(
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One execution: the measurements, and the reports of the driver and of the controller."""
+    """One execution of the trajectory: measurements, and reports of driver and controller."""
 
     motion: str
     recording: Recording
@@ -136,11 +136,11 @@ class Run:
 
 
 def as_on_page(numbers: Figures, page: PageFigures) -> Figures:
-    """Return the measured values of a run, with the larger of two numbers of stops.
+    """Return the measured values of a run with the larger one of two stop counts.
 
-    One number is from `measure`, and the other from the run's report page. `measure` detects stops
-    relative to the typical speed, so it may count a slow start and the stops after it as a single
-    stop. The page lists each stop separately.
+    One count is from `measure`, the other from the run's report page. `measure` detects stops
+    relative to the typical speed, so it may merge a slow start and the stops after it into one
+    stop. The page counts each stop separately.
     """
     stood = len(page.stops) - numbers.commanded_stops
     return replace(numbers, stops=max(numbers.stops, stood, *(m.stops or 0 for m in page.motions)))
@@ -256,8 +256,8 @@ def _judged(console: Console, faults: list[str], missed: int, gap: float) -> int
 def _ping(ports: Ports) -> list[float]:
     """Return the round-trip times of PINGs to the controller's I/O port, s, sorted.
 
-    When a client disconnects, a SPEL+ program closes the port and opens it again. A client that is
-    refused in between therefore connects again.
+    A connection that is refused is retried, because a SPEL+ program closes the port for a moment
+    when a client disconnects.
     """
     until = time.monotonic() + TIMEOUT_S
     while True:

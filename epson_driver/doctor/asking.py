@@ -119,9 +119,9 @@ def _described(reply: Packet) -> str:
 
 
 async def _ask_points(motion: Conversation, state: Conversation) -> Facts:
-    """Return which special sequence numbers the program supports.
+    """Return which special sequence numbers the controller's program supports.
 
-    Requires that the motors are off.
+    The motors must be off.
     """
     start = JointTrajPt(SpecialSequence.START_TRAJECTORY_STREAMING)
     answered = await motion.ask(start, SILENCE_S)
@@ -200,7 +200,7 @@ async def ask_remote_port(
     texts: ErrorTexts,
     needs_main: bool,
 ) -> tuple[Facts, list[Inhibit]]:
-    """Return the facts from Remote Ethernet, and the reasons why the arm cannot move.
+    """Return facts learned over Remote Ethernet, and the reasons why the arm cannot move.
 
     `texts`: the controller's error texts. `needs_main`: whether the arm moves only while the SPEL+
     function main runs.

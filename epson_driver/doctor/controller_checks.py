@@ -73,10 +73,8 @@ SERVERS = {
 }
 
 OUTSIDE_RAD = 0.05
-"""Distance beyond its limit at which a reported joint position is still accepted, rad or m.
-
-It allows for noise.
-"""
+"""Maximum distance of a reported joint position beyond its limit, rad or m. It allows for noise of
+the measurement."""
 
 
 @dataclass(frozen=True)
@@ -243,9 +241,9 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
 
 
 async def _report_inhibits(question: Question, state: Conversation, findings: Findings) -> Facts:
-    """Report why the arm cannot move.
+    """Report all reasons why the arm cannot move.
 
-    Return the facts from Remote Ethernet if this port may be used.
+    Return the facts learned over Remote Ethernet, which is only used if permitted.
     """
     status = latest_status(state.traffic) or Status()
     texts = load_error_texts(question.profile.error_texts)
@@ -280,10 +278,7 @@ async def _report_inhibits(question: Question, state: Conversation, findings: Fi
 def _wrong_unless_busy(
     traffic: ReceivedTraffic, findings: Findings, about: str, text: str, remedy: str
 ) -> None:
-    """Report a timing problem.
-
-    If this machine was too busy to be sure, report only a note.
-    """
+    """Report a timing problem. If this machine was busy, report a note instead."""
     if traffic.lateness <= BUSY_S:
         findings.wrong(about, text, remedy)
         return

@@ -53,10 +53,8 @@ DEFINITIONS = {
     'trajectory_msgs.msg.JointTrajectory': 'header joint_names points',
     'diagnostic_msgs.msg.DiagnosticArray': 'header status',
 }
-"""Message type → fields that the driver uses.
-
-Other packages with the same name lack some of these fields.
-"""
+"""Message type → fields that the driver uses. Other packages with the same names lack some of
+these fields."""
 
 _ASK = """
 import importlib, json, os, sys
@@ -195,8 +193,8 @@ def _mounts(process: Path) -> Path:
 def _check_shared_memory(findings: Findings) -> None:
     """Check for problems with the shared memory of Fast DDS.
 
-    This package uses UDP instead. Processes with other mounts, such as those of containers, have
-    a shared memory of their own.
+    This package uses UDP, but other ROS nodes may use shared memory. A container has a separate
+    shared memory.
     """
     about, remedy = 'shared memory', 'restart it with FASTDDS_BUILTIN_TRANSPORTS=UDPv4'
     for process in PROCESSES.glob('[0-9]*'):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A controller profile from measured facts.
 
-It gives a reason for every key that was not measured.
+The profile has a comment with the reason for every key that was not measured.
 """
 
 from collections.abc import Mapping
@@ -123,10 +123,9 @@ def differences(facts: Facts, profile: ControllerProfile) -> list[tuple[str, obj
 
 
 _SEEN_IN_PART = {('program.motors', 'none'), ('program.motors', 'restart')}
-"""Keys, each with the value in a profile that a measurement cannot contradict. `none`: Remote
-Ethernet may be available although the driver must not use it. `restart`: the program that must be
-stopped first is visible only while it runs.
-"""
+"""Keys, each with a value that a measurement cannot contradict. `none`: Remote Ethernet may be
+available, although the driver must not use it. `restart`: a program that must be stopped first is
+detected only while it runs."""
 
 TOLERANCE_FRACTION = 0.1
 """Relative tolerance of a measured time, in addition to its uncertainty."""

@@ -117,7 +117,7 @@ class Conversation:
     async def wait_for_traffic(
         self, enough: Callable[[ReceivedTraffic], object], seconds: float
     ) -> bool:
-        """Wait up to `seconds` until `enough` is true of the traffic.
+        """Wait until `enough(traffic)` is true, for at most `seconds`.
 
         Return whether it is true.
         """
@@ -145,7 +145,7 @@ class Conversation:
             self.link.post(message, lambda packet, _: self._take(packet))
 
     def restart(self) -> None:
-        """Clear the traffic of an open connection. From now on, record it in the current trace."""
+        """Clear the recorded traffic, and record new traffic in the current trace."""
         self._finish()
         self.traffic.packets.clear()
         if self.link.addresses is not None:
@@ -225,8 +225,8 @@ async def opened(
 
     A server may need REOPENED_S to open its port again after another client has left, so a refused
     connection is retried every `pause` s. `sends`: whether the server sends messages without a
-    request. If it does, a connection that it closes before the first message is retried, too.
-    `make` creates the link.
+    request. A connection to such a server is also retried if the server closes it before the first
+    message. `make` creates the link.
     """
     clock = asyncio.get_running_loop().time
     deadline = clock() + REOPENED_S

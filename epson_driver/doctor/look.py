@@ -3,9 +3,9 @@
 """Identifies a controller: the ports that answer, the profile that fits, and the robot model.
 
 Only the remote port and the state ports are opened. A client that leaves a motion or I/O port may
-stop the arm or change outputs. A port that is closed is tried once more after REOPENED_S, because
-the program may be opening it again. If no program sends joint states, a DDS participant looks for
-Real-time Motion Control, without a message.
+stop the arm or change outputs. A closed port is tried once more after REOPENED_S, because the
+program may be opening it again. If no program sends joint states, Real-time Motion Control is
+searched for by DDS discovery.
 """
 
 import asyncio
@@ -102,7 +102,7 @@ async def look_at(
 
 
 async def _ask_remote(look: Look, password: str) -> str | None:
-    """Return the profile that a simulated controller reports.
+    """Return the profile that a simulated controller reports over Remote Ethernet.
 
     Return '' for a real controller, and None without an answer.
     """

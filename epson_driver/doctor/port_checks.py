@@ -37,7 +37,7 @@ async def report_no_state(
     motion: tuple[str, int],
     findings: Findings,
 ) -> bool:
-    """Report why a port sends no robot state, and return True. Return False if it sends one.
+    """Report why a port sends no robot state. Return False if it does send robot states.
 
     `listened`: duration of listening, s. `motion`: host and port of the motion port.
     """

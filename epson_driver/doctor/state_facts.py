@@ -28,14 +28,12 @@ SAME_CYCLE_FRACTION = 0.3
 """A STATUS up to this fraction of a period after a joint state belongs to the same cycle."""
 
 MAX_UNCERTAINTY_FRACTION = 0.25
-"""Maximum uncertainty of a measured period, as a fraction of the period.
-
-A period with a larger uncertainty is omitted.
-"""
+"""Maximum uncertainty of a measured period, as a fraction of the period. A period with a larger
+uncertainty is omitted."""
 
 
 def state_facts(traffic: ReceivedTraffic) -> Facts:
-    """Return the facts that are certain from one or more received messages."""
+    """Return the controller's properties that one or more received messages prove."""
     facts: Facts = {}
     packets = traffic.packets
     order = packets[0][1].dialect.byte_order
@@ -107,7 +105,7 @@ def _rhythm(traffic: ReceivedTraffic) -> Facts:
 
     They are the period of the state task, and the number of joint states per STATUS. A STATUS is
     sent together with a joint state, or in a cycle without a joint state. Facts that are uncertain
-    because of bursts or because of this machine's lateness are omitted.
+    because of bursts or late timers of this machine are omitted.
     """
     kinds = [(time, is_joints(packet)) for time, packet in traffic.packets]
     at_status = [index for index, (_, joints) in enumerate(kinds) if not joints]

@@ -33,7 +33,7 @@ REST_S = 0.2  # time without motion after which the arm counts as at rest, s
 
 
 class Observer:
-    """Polls the arm's position and the E-stop at the remote port, in a thread until `close`.
+    """Polls the arm's position and the E-stop at the remote port, in a thread, until `close`.
 
     Its observations do not depend on the driver, the program, or faults in their messages. Times
     are s on the monotonic clock.
@@ -126,7 +126,7 @@ class Observer:
 
 
 def standstill(times: Array, positions: Array) -> int | None:
-    """Return the index at which a standstill of at least REST_S starts, or None."""
+    """Return the index of the first standstill of at least REST_S, or None."""
     for index in range(len(times)):
         within = (times >= times[index]) & (times <= times[index] + REST_S)
         if times[-1] < times[index] + REST_S:
@@ -210,7 +210,7 @@ def simulated_cell(
     parameters: Mapping[str, Any] | None = None,
     enabled: bool = True,
 ) -> Iterator[SimulatedCell]:
-    """Run a cell on free ports and in a free ROS domain, with logs and trace in `folder`.
+    """Run a cell on free ports and in an unused ROS domain, with logs and trace in `folder`.
 
     `arguments`: further arguments of sim_controller. `parameters`: the driver's parameters, with
     `__` for a dot. Raises RunError if a process does not start, with the reason.

@@ -37,7 +37,7 @@ controller delays its state messages.
 """
 
 MIN_DELAY_S = 0.01
-"""Minimum delay that is simulated, s. A shorter delay is within the scatter of the measurement."""
+"""Minimum delay that is simulated, s. A shorter delay is within the measurement's scatter."""
 
 _SECONDS = number(-1e6, 1e6, 's')
 START_TIME = 'joint 1: point sent to motion seen'
@@ -54,10 +54,7 @@ _STYLE = (
 
 @dataclass
 class Entry:
-    """The outcome of a step.
-
-    It was done, skipped or failed (with the reason), and has a date and results.
-    """
+    """The outcome of a step: done, skipped or failed (with the reason), date and results."""
 
     state: str
     at: str
@@ -83,7 +80,7 @@ class FirstRunRecord:
 
     @property
     def habits(self) -> list[str]:
-        """Sentences about unusual behaviour.
+        """Sentences about unusual behaviour of the robot.
 
         The sentences from the steps are followed by the differences from the profile.
         """
@@ -192,8 +189,8 @@ def _state_delay(
     """Return the extra delay of state messages, s, compared with the simulated controller.
 
     `replies`: delay of the controller's replies, s. `stops`: whether the arm stops at each point.
-    If the robot's servo lag is longer than in the profile, the difference has the same effect and
-    is included.
+    If the robot's servo lag is longer than in the profile, the difference is included, because it
+    has the same effect.
     """
     start = record.times.get(START_TIME)
     if start is None or profile.spel.project:

@@ -20,7 +20,7 @@ CHOICES = 'Enter or y: do it, s: skip it, q: end (continue another time): '
 async def go_through(
     run: FirstRun, record: FirstRunRecord, path: Path, say: Callable[[str], None]
 ) -> bool:
-    """Execute every step that has not been done. Return False if the user ended the session.
+    """Execute every step not done yet. Return False if the user ended the session.
 
     The record is written after every step, so an interruption loses only the current step.
     """

@@ -51,7 +51,7 @@ SLIDE_MM = 10.0
 
 MOVE_S = 2.0
 BACK_AND_FORTH = 10
-"""Duration of a motion, s, and number of motions in a step that an operator interrupts."""
+"""Duration of one motion, s, and number of motions in a step that the operator interrupts."""
 
 STREAM_POINTS = 40
 STREAM_PERIODS_S = (0.1, 0.05)
@@ -61,10 +61,7 @@ PENDANT_TOLERANCE = 0.05
 """Tolerance between the pendant's values and the joint states, degrees or mm."""
 
 LATE_S = 0.02
-"""Minimum delay of a late reply, s.
-
-It is the delay of the reply to a STOP, compared with the duration of TCP's handshake.
-"""
+"""Time by which a late STOP reply is slower than the TCP handshake, s."""
 
 
 @dataclass
@@ -92,7 +89,7 @@ class Connections:
         return made
 
     def restart(self) -> None:
-        """Clear the traffic of all connections. From now on, record them in the current trace."""
+        """Clear the traffic of all connections, and record new traffic in the current trace."""
         for made in self._open.values():
             made.restart()
 
@@ -123,7 +120,7 @@ class FirstRun:
     def remote(self) -> bool:
         """Whether statements of Remote Ethernet move the arm.
 
-        In this case the controller needs no program.
+        The controller then needs no program.
         """
         return self.question.profile.program.interface == 'statements'
 
@@ -302,7 +299,7 @@ async def _power(run: FirstRun) -> StepResult:
 
 
 async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
-    """Ask the user to do `what`, and repeat this until STATUS permits motion."""
+    """Ask the user to do `what`, again and again until STATUS permits motion."""
     while True:
         done = await agreed(run.ask, f'{what}, then press Enter (s: skip this step): ')
         if done and run.remote:
@@ -329,9 +326,9 @@ async def _switch_on(run: FirstRun, state: Conversation) -> None:
 
 
 def _target(here: Array, index: int, run: FirstRun) -> Array:
-    """Return the target of a motion of joint `index`.
+    """Return joint positions, shape (n,), with joint `index` moved by a small step from `here`.
 
-    The direction is positive, unless the joint's range ends too near.
+    The step is positive, or negative if the joint is near the upper end of its range.
     """
     step = SLIDE_MM / 1000.0
     if run.question.model.joint_types[index] != PRISMATIC:
@@ -372,7 +369,7 @@ async def _joint(index: int, run: FirstRun) -> StepResult:
 async def _prepared(
     run: FirstRun, index: int = 0
 ) -> tuple[Conversation, Conversation, Array, Array]:
-    """Return both connections, the current position, and the target of joint `index`."""
+    """Return both connections, the joint positions, and the target of a move of joint `index`."""
     state, motion = await run.links()
     here = await _where(run, state)
     return state, motion, here, _target(here, index, run)
@@ -451,7 +448,7 @@ async def _points(run: FirstRun) -> StepResult:
 
 
 def _buffer(counts: Sequence[float], periods: Sequence[float]) -> dict[str, Any]:
-    """Return the size of the controller's point buffer, as a number of points or as a time, s.
+    """Return the size of the controller's point buffer, in points or as a time, s.
 
     `counts`: the maximum number of points that were acknowledged before the arm reached them, for
     each of `periods`, the times between points, s.
@@ -501,7 +498,7 @@ async def _interrupted(
 ) -> StepResult:
     """Move joint 1 back and forth until the operator stops it.
 
-    Then check that the arm stays at rest.
+    Afterwards, check that the arm stays at rest.
     """
     result = StepResult()
     state, motion, here, target = await _prepared(run)

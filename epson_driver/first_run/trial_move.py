@@ -42,15 +42,15 @@ REST_S = 0.5
 
 REST_TIMEOUT_S = 15.0
 REPLY_TIMEOUT_S = 5.0
-"""Time after the end of the points' durations within which a reply must arrive, s."""
+"""Maximum time from the planned end of a motion to a reply, s."""
 
 MAX_SPEED = 0.1
 
 MIN_VELOCITY = 0.01
-"""Minimum velocity of a point, as a fraction of the maximum. SPEL+ accepts one percent or more."""
+"""Minimum velocity of a point, as a fraction of the maximum, because SPEL+ needs at least 1 %."""
 
 FIRST_DURATION_S = 0.1
-"""Duration of the first point, which is at the current position, s."""
+"""Duration of the first point, s. This point is at the current position."""
 
 STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
 
@@ -77,10 +77,8 @@ class TrialMove:
     positions: Array = field(default_factory=lambda: np.empty((0, 0)))
     statuses: list[tuple[float, Status]] = field(default_factory=list)
     measured: bool = True
-    """Whether joint states arrived during the motion.
-
-    If not, only the start and the end of the motion are known.
-    """
+    """Whether joint states arrived during the motion. If none arrived, only the start and the end
+    of the motion are known."""
     lateness: float = 0.0
     """Maximum delay of a timer on this machine, s. It is the uncertainty of the times."""
 
@@ -178,7 +176,7 @@ async def move_by_statements(
     durations: Sequence[float],
     stop_after: float | None = None,
 ) -> TrialMove:
-    """Move through the targets with one statement of Remote Ethernet for each.
+    """Move through the targets, with one Remote Ethernet statement for each target.
 
     Arguments and exceptions: see `move_and_record`. The controller replies to a statement when the
     arm is at its target. Before this reply, no joint states arrive.
@@ -305,7 +303,7 @@ def _take_over(made: TrialMove, state: Conversation, first: int, joints: int) ->
 
 
 def ahead(made: TrialMove, joint: int, delay: float) -> float:
-    """Return the maximum number of points that were acknowledged before the arm reached them.
+    """Return how many points were at most acknowledged but not yet reached by the arm.
 
     `joint`: the joint that moved. `delay`: the delay of replies, s.
     """

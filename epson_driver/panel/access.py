@@ -37,7 +37,7 @@ def new_token(host: str) -> str | None:
 
 
 def own_names(host: str) -> frozenset[str]:
-    """Return the host names, in lower case, under which a page served at `host` may be opened."""
+    """Return the lower-case host names that may appear in the URL of a page served at `host`."""
     if is_loopback(host):
         return LOOPBACK_NAMES
     return LOOPBACK_NAMES | {
@@ -65,7 +65,7 @@ class Access:
     def rejection(self, path: str, headers: Mapping[str, str], local_address: str) -> str | None:
         """Return why a request is rejected, or None.
 
-        `headers` are the values by lower-case name.
+        `headers`: lower-case name of each header → its value.
         """
         names = self.names | {bracketed(local_address)}
         own = {f'{name}:{self.port}' for name in names}

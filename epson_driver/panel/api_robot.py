@@ -63,7 +63,7 @@ class EventLog(logging.Handler):
 
 
 class ApiGoal:
-    """A motion requested by the panel. It is used in the event loop.
+    """A motion requested by the panel. Only the event loop uses it.
 
     `handle` is set once the motion is submitted.
     """
@@ -77,9 +77,9 @@ class ApiGoal:
 class ApiRobot:
     """The single robot of a panel: the driver of a connected Robot.
 
-    The driver is used in the event loop of the connection, in the thread with the number `thread`.
-    `sample` only asks the loop to read the driver's state. While the loop hangs, the state
-    therefore becomes stale. `on_error` is called with an unexpected exception.
+    The driver runs in the event loop of the connection, in the thread with the number `thread`.
+    `sample` only schedules a read of the driver's state in this loop. While the loop hangs, the
+    state becomes stale. `on_error` is called with an unexpected exception.
     """
 
     def __init__(
@@ -254,7 +254,7 @@ class ApiRobot:
     # --- in the event loop ------------------------------------------------------------------
 
     def _request(self, name: str, work: Callable[[], Coroutine[Any, Any, str]], say: Say) -> None:
-        """Run a coroutine in the loop. Call `say` with its result, or with its error."""
+        """Run `work()` in the loop. Call `say` with its result, or with the text of its error."""
 
         async def run() -> None:
             try:
@@ -278,7 +278,7 @@ class ApiRobot:
         self._in_loop(name, start)
 
     def _in_loop(self, what: str, function: Callable[[], object]) -> None:
-        """Call a function in the loop. Raises RequestError if the connection is closed."""
+        """Call `function` in the loop. Raises RequestError if the connection is closed."""
 
         def call() -> None:
             try:

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Arming: the permission for one browser at a time to move a robot.
 
-Arming ends when the user disarms, or when the displayed data is stale. It also ends when the page
-is closed, disconnected or unresponsive, because its user could then not press STOP. When arming
-ends, the motion that the browser has started ends, too.
+Arming ends when the user disarms, or when the displayed data is stale. Arming also ends when the
+page is closed, disconnected or unresponsive, because its user could then not press STOP. The
+motion that the browser has started ends together with the arming.
 """
 
 import contextlib
@@ -15,10 +15,9 @@ from collections.abc import Callable, Iterator
 from epson_driver.panel.robot_state import RequestError
 
 ALIVE_WITHIN_S = 1.5
-"""Time after its last sign of life for which a page counts as responsive, s. A visible page sends
-a sign of life every 0.3 s (panel.js). Pings are no sign of life, because a browser answers them
-even for a page that hangs.
-"""
+"""Maximum time between two signs of life of a responsive page, s. A visible page sends a sign of
+life every 0.3 s (panel.js). Pings are no sign of life, because a browser answers them even for a
+page that hangs."""
 
 
 class NotArmedError(RequestError):
@@ -26,7 +25,7 @@ class NotArmedError(RequestError):
 
 
 class Arming:
-    """The arming of one robot. Thread-safe. Browsers are identified by their window numbers.
+    """The arming of one robot, thread-safe. A browser is identified by its window number.
 
     * forbidden: returns why arming is not allowed now, or None.
     * on_end: called with the reason when arming ends, before another browser can be armed.
@@ -110,7 +109,7 @@ class Arming:
 
     @contextlib.contextmanager
     def held(self, browser: int) -> Iterator[None]:
-        """Run the block if the browser is armed. It stays armed until the block ends.
+        """Run the block if the browser is armed. Other threads cannot disarm it during the block.
 
         The block must not wait for anything. Raises NotArmedError if the browser is not armed.
         """

@@ -34,7 +34,7 @@ DIRECTIONS = {
 JOINT_FRACTION = 0.25  # full speed / velocity limit of a joint: the default of `servo.scale`
 TOOL_M_S, TOOL_RAD_S = 0.25, 0.8  # full jog speeds of the tool (0.25 m/s: ISO 10218-1)
 MAX_TWIST_ERROR = 0.02
-"""Maximum relative error of the tool's velocity. If it is larger, the jog is refused."""
+"""Maximum relative error of the tool's velocity. A jog with a larger error is refused."""
 
 END = 0.005  # distance from an end of its range at which a joint's jog ends, rad or m
 STEP_FRACTION = 0.2  # used fraction of velocity and acceleration limits in a step at full speed
@@ -42,10 +42,8 @@ MAX_STEP_M, MAX_STEP_RAD = 0.1, np.radians(30.0)
 MIN_STEP_S = 0.3  # minimum duration of a step, s
 POINT_PERIOD_S = 0.05  # time between the points of a step's trajectory, s
 PEAK_VELOCITY, PEAK_ACCELERATION = 1.875, 5.774
-"""Peak velocity and peak acceleration of a quintic polynomial from rest to rest.
-
-They are for a distance of 1 unit in 1 s.
-"""
+"""Peak velocity and peak acceleration of a quintic polynomial from rest to rest. They are for a
+distance of 1 unit in 1 s."""
 
 MAX_ITERATIONS = 20
 MAX_POSE_ERROR = 1e-7  # tolerance of the inverse kinematics, m and rad
@@ -124,7 +122,7 @@ class Jog:
         return np.asarray(result[0])
 
     def along(self, path: Array, fraction: float) -> Trajectory:
-        """Return a trajectory along a joint path, at rest at both ends.
+        """Return a trajectory along a joint path that starts and ends at rest.
 
         `path`: shape (k, n). `fraction`: fraction of full speed, (0, 1].
         """
@@ -196,9 +194,9 @@ class Jog:
         return np.array(result)
 
     def _joints_at(self, pose: Array, near: Array) -> Array:
-        """Return joint positions that bring the tool to a pose.
+        """Return joint positions, shape (n,), that bring the tool to a pose.
 
-        They are found by iteration from `near`.
+        The positions are found by iteration from `near`.
         """
         joints = near
         for _ in range(MAX_ITERATIONS):

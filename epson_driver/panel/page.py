@@ -22,10 +22,10 @@ from epson_driver.trajectory_file import read_trajectory
 
 
 class Page:
-    """A panel that runs until `close` or a failure. It is used in the connection's event loop.
+    """A panel that runs until `close` or a failure. Only the connection's event loop uses it.
 
     * url: the address to open.
-    * ended: event that is set when the panel has ended. `code` is then its exit code.
+    * ended: event that is set when the panel has ended. `code` is then the exit code.
     """
 
     def __init__(self, connection: Connection, panel: Panel) -> None:

@@ -41,10 +41,8 @@ PENDANT_PART = text_of(
 )
 
 Failed = Callable[[str, BaseException], None]
-"""Function that ends the panel because of an exception.
-
-Its first argument names the failed part.
-"""
+"""Function that ends the panel because of an exception. Its first argument names the failed
+part."""
 
 _log = logging.getLogger(__name__)
 
@@ -253,7 +251,10 @@ class Panel:
                 self._views[name] = view
 
     def close(self) -> None:
-        """End all parts of the panel. Called by `run`, or instead of it."""
+        """End all parts of the panel. `run` calls this at its end.
+
+        If `run` is not called, call this.
+        """
         with contextlib.ExitStack() as stack:  # runs the other callbacks if one raises
             stack.callback(self.robots.close)
             stack.callback(self._pendants.end)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The panel's actions on one robot, and the conditions of each.
+"""The panel's actions on one robot, and the conditions for each action.
 
 `stop` and `disable` are always available. An action that moves the arm, permits motion or switches
 an output requires an armed browser. Arming requires recent data, and either a simulated controller
@@ -310,7 +310,10 @@ class RobotControl:
         return here
 
     def away_from_start(self, trajectory: Trajectory) -> str:
-        """Return which joint is too far from the start of a trajectory, or '' if none is."""
+        """Return the largest distance of a joint from the start of a trajectory, as a clause.
+
+        '' if all joints are within START_TOLERANCE of the start, or if it cannot be compared.
+        """
         here = self.robot.state.positions
         if len(here) != trajectory.positions.shape[1]:
             return ''
@@ -338,9 +341,9 @@ class RobotControl:
     def _send(self, name: str, trajectory: Trajectory, *, straight: bool = False) -> None:
         """Send a trajectory.
 
-        If the controller accepts no trajectories, only the last point is sent. `straight` means
-        that the tool moves on a straight line. All points are then sent, because every controller
-        accepts straight lines.
+        If the controller accepts no trajectories, only the last point is sent. `straight`: the
+        tool moves on a straight line. All points are then sent, because every controller accepts
+        straight lines.
         """
         trajectory = replace(trajectory, joint_names=self.robot.state.joint_names)
         goal = trajectory

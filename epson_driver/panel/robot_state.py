@@ -20,17 +20,13 @@ from epson_driver.motion import Array, Trajectory
 INFO, WARN, ERROR = 20, 30, 40  # log levels of rcl_interfaces/Log
 MAX_EVENTS = 200  # maximum number of log lines stored for a robot
 SAME_EVENT_S, MAX_COMPARED = 2.0, 5
-"""Maximum age, s, and number of previous log lines with which a new line is compared.
-
-If one of the last MAX_COMPARED lines has the same text and is at most SAME_EVENT_S s older, the
-new line is dropped. The driver often also logs the answer to a request of the panel.
-"""
+"""Maximum age, s, and number of previous log lines with which a new line is compared. If one of
+the last MAX_COMPARED lines has the same text and is at most SAME_EVENT_S s older, the new line is
+dropped. The driver often also logs the answer to a request of the panel."""
 
 MAX_AGES_S = {'joints': 1.0, 'status': 2.5, 'diagnostics': 3.5, 'simulation': 3.0}
-"""Ages above which values count as unknown, s.
-
-Each value should arrive three times within this time.
-"""
+"""Age above which a value counts as unknown, s, by name of the value. A working driver sends each
+value three times within this age."""
 
 
 TRIGGERS = ('stop', 'enable', 'disable', 'reset_error')
@@ -85,7 +81,7 @@ class IoRange:
 
 @dataclass(frozen=True)
 class Event:
-    """A log line at `time`, s since 1970. `level`: as in rcl_interfaces/Log."""
+    """A log line at `time`, s since 1970. `level`: a constant of rcl_interfaces/Log."""
 
     time: float
     level: int

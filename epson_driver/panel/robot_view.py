@@ -23,16 +23,13 @@ SPAN_S = 20.0  # duration of the curves, s
 PERIOD_S = 0.1  # minimum interval between the samples of a curve, s
 OVER_S = 0.15
 """Minimum time between two positions from which a velocity is computed, s. Over a shorter time,
-the jitter of time stamps, some milliseconds, would cause spikes.
-"""
+the jitter of the time stamps (some milliseconds) would cause spikes."""
 
 GAP_S = 1.0  # maximum time between two positions from which a velocity is computed, s
 
 Row = tuple[float, list[float], list[float] | None, list[float] | None]
-"""A sample: time by the panel's clock, s, positions, velocities and tracking errors.
-
-Joint values are in displayed units.
-"""
+"""A sample: time by the panel's clock, s, positions, velocities and tracking errors. Joint values
+are in displayed units."""
 
 
 class History:

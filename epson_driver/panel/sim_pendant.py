@@ -34,7 +34,7 @@ SESSION_S = 3000.0  # duration of a connection, s. The panel then connects again
 RETRY_PERIOD_S = 1.0  # delay before the next attempt to connect, s
 
 ONE_CLIENT = (
-    'it needs a login, and the controller serves one Remote Ethernet client, which is the driver'
+    'this action needs a Remote Ethernet login, and the controller has its only client, the driver'
 )
 
 

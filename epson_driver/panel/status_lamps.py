@@ -10,10 +10,8 @@ from epson_driver.driver.remedy import Remedy, with_remedy
 from epson_driver.panel.robot_state import RobotState, Tri
 
 GOOD, WARN, BAD, OFF, UNKNOWN = COLOURS = ('good', 'warn', 'bad', 'off', 'unknown')
-"""Colours of lamps.
-
-OFF means inactive, and is no fault. UNKNOWN is grey: the state is not known.
-"""
+"""Colours of lamps. OFF means inactive, and is no fault. UNKNOWN is grey: the state is not
+known."""
 
 WORDS = {
     Remedy.CONNECT: 'check that it is running, the cable and robot_ip. The driver reconnects '
@@ -29,10 +27,8 @@ WORDS = {
 
 NEED_ARMING = (Remedy.RELEASE_ESTOP, Remedy.RESET, Remedy.TURN_TO_AUTO, Remedy.ENABLE)
 CALM = (Cause.MANUAL_MODE, Cause.NOT_ENABLED, Cause.MOTORS_OFF, Cause.PAUSED)
-"""Causes that are no fault.
-
-For a simulated controller, `_condition` replaces them by more precise advice.
-"""
+"""Causes that are no fault. For a simulated controller, `_condition` is the source of more precise
+advice."""
 
 NO_ESTOP, RELEASED = 'not active', 'released, not reset'
 """Values of `estop` in a simulated controller's condition. The third value is 'pressed'."""

@@ -25,9 +25,9 @@ from epson_driver.panel.window import BadMessageError, Window
 
 PING_PERIOD_S = 2.0
 PING_TIMEOUT_S = 10.0
-"""Time without an answer to a ping after which a browser counts as disconnected, s. A slow
-connection may delay an answer by seconds. Arming ends earlier (arming.ALIVE_WITHIN_S).
-"""
+"""Time without an answer to a ping after which a browser counts as disconnected, s. It is long,
+because a slow connection may delay an answer by seconds. Arming ends after
+arming.ALIVE_WITHIN_S."""
 
 CLOSE_TIMEOUT_S = 1.0  # maximum wait for a browser's closing handshake, s
 MAX_MESSAGE_BYTES = 10_000  # limit for a browser's message. The page sends far smaller ones
@@ -49,7 +49,10 @@ class WindowListener(Protocol):
     def add(self, window: Window) -> None: ...
     def remove(self, window: Window) -> None: ...
     def received(self, window: Window, text: str | bytes) -> None:
-        """Process a message. Raises BadMessageError if the panel's page never sends it."""
+        """Process a message.
+
+        Raises BadMessageError if the panel's page never sends such a message.
+        """
 
 
 class Page(NamedTuple):

@@ -17,9 +17,8 @@ from typing import Any
 
 MAX_NOTES = 10  # maximum number of queued notes: the oldest are dropped
 MAX_LATE_S = 0.15
-"""Maximum delay of jog and step requests, s. A request with a longer delay is dropped, because it
-could move the arm after the button was released.
-"""
+"""Maximum delay of jog and step requests, s. A later request is dropped, because it could move the
+arm after the button was released."""
 
 HELD_S = 0.07
 """Time after the last jog request until the arm brakes, s. The page sends a request every 25 ms
@@ -91,10 +90,10 @@ class Window:
             raise BadMessageError(f'more than {MAX_MESSAGES_PER_S:g} messages per second')
 
     def late(self, sent: float, now: float) -> bool:
-        """Return whether a message is late.
+        """Return whether a message was delayed by more than MAX_LATE_S.
 
-        It is late if it took more than MAX_LATE_S longer than the fastest message. `sent` is on
-        the window's clock, and `now` on the panel's clock, s.
+        The delay is relative to the fastest message. `sent` is on the window's clock, and `now` on
+        the panel's clock, s.
         """
         offset = now - sent
         if self._smallest_offset is None or offset < self._smallest_offset:

@@ -72,8 +72,8 @@ TOPICS = {
 def write_bag(run: Run, numbers: Figures, folder: Path) -> None:
     """Write a run, with the velocities of `numbers`, into a new folder.
 
-    If this fails, no folder remains. Raises RunError if the folder exists, and OSError if the bag
-    cannot be written.
+    Raises RunError if the folder exists, and OSError if the bag cannot be written. In this case
+    the new folder is removed.
     """
     if folder.exists():
         raise RunError(f'{folder}: must be a new folder for the bag')

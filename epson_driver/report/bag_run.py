@@ -90,8 +90,8 @@ TOPICS_TO_RECORD = (
 def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run:
     """Return the run in a bag.
 
-    * path: folder of the bag, or its file if it has only one.
-    * namespace: namespace of the robot, needed if the bag has several joint_states.
+    * path: folder of the bag, or the file of a bag with a single file.
+    * namespace: namespace of the robot, needed if the bag has several joint_states topics.
 
     Raises RunError if joint states are missing, or if the bag cannot be read.
     """
@@ -136,7 +136,7 @@ def _size(path: Path) -> int:
 
 @contextmanager
 def _bounded(maximum: int) -> Iterator[None]:
-    """Limit the additional memory and the written files to `maximum` bytes.
+    """Limit additional memory and written files in the block to `maximum` bytes.
 
     A compressed bag may expand to any size.
     """
@@ -244,7 +244,7 @@ class _Bag:
     def _read(self, connections: list[Connection]) -> Iterator[tuple[Any, int, Any]]:
         """Yield the connection, the time, ns, and the message of each record.
 
-        At the end, yield a text if the bag is damaged.
+        If the bag is damaged, the last item is a text about the damage instead.
         """
         try:
             for connection, stamp, data in self._reader.messages(connections=connections):

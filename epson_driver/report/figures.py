@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Computes the measured values of a run.
 
-They describe the rates and intervals of messages, the latencies of replies, and the motions.
+The values are rates and intervals of messages, latencies of replies, and properties of motions.
 """
 
 import math
@@ -28,12 +28,12 @@ CHUNK = 20_000  # number of samples fitted together, which bounds the memory
 
 
 def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Array, Array]:
-    """Return velocities and accelerations from estimated sending times, shape (k, m) each.
+    """Return velocities and accelerations of joint states, shape (k, m) each.
 
-    `sent`, `came`: sending and arrival times, s, shape (k,). After a very late joint state, it is
-    unknown which of its neighbours were delayed in transit, so the sending times are uncertain.
-    Velocities there are compared with a fit to the arrivals of MAX_NEIGHBOURS samples on either
-    side. If a velocity deviates strongly, the fit replaces it and its acceleration.
+    They are computed from the estimated sending times `sent`, s, shape (k,). Near a very late
+    joint state, the sending times are uncertain. Velocities there are compared with a fit to the
+    arrival times `came` of MAX_NEIGHBOURS samples on either side. If a velocity deviates strongly,
+    the fit replaces this velocity and its acceleration.
     """
     if len(came) < 2 * MIN_NEIGHBOURS + 1:
         return derivatives(sent, positions)
@@ -57,9 +57,9 @@ def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Arra
 
 
 def apart(times: Array, shortest: float) -> Array:
-    """Return ascending times, moved earlier where necessary.
+    """Return ascending times whose neighbours are at least `shortest` s apart.
 
-    Neighbouring times are then at least `shortest` s apart.
+    Times that are closer to the next one are moved earlier.
     """
     steps = shortest * np.arange(len(times))
     return np.asarray(np.minimum.accumulate((times - steps)[::-1])[::-1] + steps)
@@ -112,7 +112,7 @@ MIN_STOP_S = 0.03  # minimum duration of a stop, s
 class Timing:
     """Statistics of messages: count, rate, Hz, and intervals or latencies, s.
 
-    With fewer than two messages, rate and intervals are None.
+    Rate and intervals are None if there are fewer than two messages.
     """
 
     count: int
@@ -129,7 +129,7 @@ class Motion:
     * sent, began: times of the first point and of the first motion.
     * dead_time: from `sent` to `began`.
     * stops: stops that are not in the plan.
-    * waypoint_deviation: largest distance of a point from the path, independent of time.
+    * waypoint_deviation: largest distance of a planned point from the executed path, at any time.
 
     Values are None if the arm did not move.
     """

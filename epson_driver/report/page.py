@@ -22,10 +22,8 @@ from epson_driver.report.smooth_study import COLOURS
 from epson_driver.robots import RobotModel
 
 MAX_SAMPLES = 15_000
-"""Maximum number of joint states in a page, for all runs together.
-
-If there are more, only some of them are used.
-"""
+"""Maximum number of joint states in a page, for all runs together. If a recording has more joint
+states, the page shows a subset."""
 
 MAX_EVENTS = 2000  # maximum number of events in a page: the JSON file has all of them
 MAX_PLAN_POINTS = 4000  # maximum number of points drawn of each plan
@@ -128,7 +126,7 @@ def _scaled(values: Array) -> dict[str, Any]:
 
 
 def _changes(conditions: Sequence[Condition]) -> list[list[Any]]:
-    """Return time, flags, mode and errors of each condition that differs from the previous one."""
+    """Return time, flags, mode and errors of each condition that differs from its predecessor."""
     result: list[list[Any]] = []
     for condition in conditions:
         now = [list(condition.flags), condition.mode, list(condition.error_codes)]

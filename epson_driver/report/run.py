@@ -115,7 +115,7 @@ class Run:
 
 
 def array(values: Sequence[object], columns: int | None = None) -> Array:
-    """Return numbers as an array of shape (k,), or of shape (k, columns) even for k = 0."""
+    """Return values as an array, shape (k,), or (k, columns). `values` may be empty."""
     result = np.array(values, dtype=float)
     return result if columns is None else result.reshape(-1, columns)
 
@@ -136,9 +136,9 @@ class Arrival:
 
 
 def sent_times(arrivals: Sequence[Arrival]) -> list[float]:
-    """Return the estimated sending times of messages with joints of one connection, s.
+    """Return the estimated sending times of one connection's joint state messages, s.
 
-    The times are ascending, on the receiver's clock, and never later than the arrival.
+    The times are ascending, on the receiver's clock. No message is sent later than it arrives.
     """
     if len(arrivals) < MIN_MESSAGES:
         return [arrival.time for arrival in arrivals if arrival.joints]
@@ -177,7 +177,7 @@ CHANGES = {
     ('e_stopped', NO): ('info', 'E-stop released', ''),
     ('in_error', NO): ('info', 'error cleared', 'call ~/enable when the arm may move again'),
 }
-"""Level, text and remedy of the event for a flag's new value."""
+"""Flag and its new value → level, text and remedy of the event."""
 
 MODES: dict[int, tuple[str, str, str]] = {
     Mode.MANUAL: ('warning', 'key switch: manual', 'turn it back for motion from ROS'),

@@ -32,7 +32,7 @@ class Figures:
     """Measurements of a motion.
 
     `velocity`, `acceleration` and `jerk` are the highest values of any joint, as fractions of its
-    limit. The jerk is computed from the difference between two samples.
+    limit. The jerk is the acceleration difference of two samples divided by the time between them.
     """
 
     duration: float  # time from the first to the last sample, s
@@ -46,7 +46,7 @@ class Figures:
 def measure(motion: Trajectory, command: Trajectory | None, limits: JointLimits) -> Figures:
     """Return the measurements of a motion with equally spaced samples.
 
-    `command`: the plan, which may command rests between start and end, or None.
+    `command`: the plan, whose commanded standstills are not counted as stops, or None.
     """
     if motion.velocities is None or motion.accelerations is None:
         raise ValueError('the motion has no velocities or no accelerations')
@@ -81,9 +81,9 @@ def _stops(speed: Array, push: Array) -> int:
 
 
 def commanded_rests(command: Trajectory, limits: JointLimits) -> int:
-    """Return the number of rests that a plan commands between its start and its end.
+    """Return the number of standstills that a plan commands between its start and its end.
 
-    A rest lasts at least MIN_DWELL_S.
+    Shorter standstills than MIN_DWELL_S do not count.
     """
     durations = np.diff(command.times)
     distances = np.max(np.abs(np.diff(command.positions, axis=0)) / limits.velocity, axis=1)
@@ -105,10 +105,10 @@ def per_unit(limits: JointLimits, per: str = '') -> str:
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A sampled motion through the points of a plan, drawn as one column of the plot.
+    """A sampled motion through the points of a plan, drawn in one column of the plot.
 
-    `passed`: times at which it passes the points, s, shape (n,). `waypoint_error`: error of the
-    worst joint at the points, rad or m.
+    `passed`: times at which the motion passes the points, s, shape (n,). `waypoint_error`: largest
+    error of any joint at the points, rad or m.
     """
 
     title: str
@@ -132,7 +132,7 @@ class SmoothingComparison:
 
 
 def point_to_point(plan: Trajectory, limits: JointLimits) -> tuple[Trajectory, Array]:
-    """Return the motion that rests at every point, and the times of these rests, s, shape (n,)."""
+    """Return the motion that stops at every point, and the times of these stops, s, shape (n,)."""
     moves = [go(limits, start, target) for start, target in pairwise(plan.positions)]
     reached = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
     times = np.arange(0.0, reached[-1] + 1.0 / SAMPLE_RATE_HZ, 1.0 / SAMPLE_RATE_HZ)
@@ -147,12 +147,12 @@ def point_to_point(plan: Trajectory, limits: JointLimits) -> tuple[Trajectory, A
 
 
 def spline(plan: Trajectory) -> tuple[Trajectory, Array]:
-    """Return the motion of ros2_control's joint_trajectory_controller, and its times, s, (n,).
+    """Return the motion that joint_trajectory_controller would execute, sampled.
 
-    For each segment, the motion is a polynomial in time. It is quintic if the plan has
-    accelerations, otherwise cubic. The motion keeps the plan's times even if they exceed the
-    limits. Missing velocities are central differences. The first and the last acceleration are set
-    to 0.
+    Also return the times at which this motion passes the plan's points, s, shape (n,). They are
+    the plan's times, even if the motion then exceeds the limits. Each segment is a quintic
+    polynomial in time if the plan has accelerations, else a cubic one. Missing velocities are
+    central differences. The first and the last acceleration are set to 0.
     """
     t, q = plan.times - plan.times[0], plan.positions
     if len(t) == 1:
@@ -211,7 +211,7 @@ def pyplot() -> Any:
 
 
 def stops_during_motion(figures: Any) -> str:
-    """Return a text with the number of stops in the measurements of a motion."""
+    """Return a motion's number of stops as a text."""
     stops = figures.stops + figures.commanded_stops
     return f'{stops or "no"} stop{"s" * (stops > 1)} during the motion'
 

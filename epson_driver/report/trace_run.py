@@ -72,8 +72,8 @@ IMPLAUSIBLE = (
     'check robot model and units (--robot), the encoder, and the network for altered data'
 )
 WIRE_NOTE = (
-    'from the wire: names and order of the joints are taken from the robot model, '
-    'without the traffic of the remote port'
+    'from the network traffic, without the remote port. Names and order of the joints are taken '
+    'from the robot model'
 )
 NO_REPLY = 'check the program on the controller: it may be stuck or have ended'
 
@@ -88,9 +88,9 @@ COMMANDS = {
 def read_trace(
     path: Path, limits: JointLimits, texts: ErrorTexts, controller: str | None = None
 ) -> Run:
-    """Return the run in a pcap file. If the file is damaged, the run ends there.
+    """Return the run in a pcap file. The run ends where the file is damaged.
 
-    Joint states that the arm cannot reach within `limits` are omitted, with an event.
+    Joint states that the arm cannot reach within `limits` are omitted, and reported as an event.
     `controller`: the controller's address. It is needed if the file contains several controllers.
     Raises RunError if the file contains no run, InputError if it is unreadable.
     """
@@ -151,7 +151,7 @@ class _Reader:
         elif entry.frame is None:
             if entry.connection not in self._broken:
                 self._broken.add(entry.connection)
-                text = f'{role} port: {len(entry.data)} bytes without a message'
+                text = f'{role} port: {len(entry.data)} bytes that are no message'
                 self._event(entry, 'error', text, NO_FRAME)
         elif isinstance(entry.frame, RtmcMessage):
             try:
@@ -246,7 +246,7 @@ class _Reader:
     ) -> str | None:
         """Return why a joint state is implausible, or None.
 
-        The signs of the joints are unknown here.
+        Position limits are not checked, because the signs of the joints are unknown.
         """
         here = positions[: self._joints]
         if not all(math.isfinite(value) for value in (*here, *velocities[: self._joints])):
@@ -343,7 +343,7 @@ class _Plans:
         self._points: list[tuple[float, ...]] = []
 
     def take(self, time: float, point: JointTrajPt | JointTrajPtFull) -> bool:
-        """Add a point, unless it repeats one. Return whether it is the first of a new plan."""
+        """Add a point, unless it is a repetition. Return whether it is the first of a new plan."""
         starts_stream = point.sequence == SpecialSequence.START_TRAJECTORY_STREAMING
         sequence = 0 if starts_stream else point.sequence
         if sequence < 0 or (sequence == self._last and sequence):
@@ -369,7 +369,7 @@ class _Plans:
         return first
 
     def _same(self, point: JointTrajPt | JointTrajPtFull) -> bool:
-        """Return whether a point repeats the first point, because the controller was busy."""
+        """Return whether a point repeats the first one, which a busy controller has refused."""
         positions = point.positions if isinstance(point, JointTrajPtFull) else point.joints
         return isinstance(point, JointTrajPtFull) and positions[: self._joints] == self._points[0]
 

@@ -202,7 +202,7 @@ class RosRobot:
         ]
 
     def last_seen(self, now: float) -> float:
-        """Return when the driver was last present or sent a report, by the panel's clock, s."""
+        """Return when the driver was last present or sent a report, s on the panel's clock."""
         if self._last_present is None or self._parameters.client.service_is_ready():
             self._last_present = now
         news = (self.state.times.get(item) for item in ('diagnostics', 'joints', 'status'))
@@ -233,10 +233,10 @@ class RosRobot:
                 handle(message, now)
 
     def look_for_driver(self, now: float) -> None:
-        """Request the parameters of the driver. Forget them if the driver is gone. `now`: s.
+        """Request the driver's parameters, or forget them if the driver is missing.
 
-        A driver also counts as gone if its diagnostics end. ROS may list a killed node for another
-        20 s.
+        A driver counts as missing if its diagnostics end, because ROS may list a killed node for
+        another 20 s. `now`: the panel's clock, s.
         """
         silent = 'diagnostics' in self.state.times and not self.state.fresh('diagnostics', now)
         if silent or not self._parameters.client.service_is_ready():

@@ -136,7 +136,7 @@ def test_refused_point_lost_link_and_invalid_bytes_are_events(tmp_path):
     run = read(recorder, tmp_path)
     errors = texts(run, 'error')
     assert 'the controller refused JOINT_TRAJ_PT 3' in errors
-    assert 'state port: 40 bytes without a message' in errors
+    assert 'state port: 40 bytes that are no message' in errors
     assert 'state port closed by the controller' in errors
     assert '1 requests without a reply' in texts(run, 'warning')
     assert run.links[-1][1:] == ('state', False)
