@@ -14,7 +14,7 @@ from epson_driver.share import share_path
 
 NO_ERROR = 0
 NO_TEXTS = 'none'
-"""Name of the empty table. Controllers use it if their error numbers are not listed."""
+"""Name of the empty table, for controllers whose error numbers are not listed."""
 
 
 class ErrorText(NamedTuple):
@@ -32,7 +32,7 @@ class ErrorText(NamedTuple):
 
 class ErrorTexts(dict[int, ErrorText]):
     def phrase(self, number: int) -> str:
-        """Return the number with its meaning, for use in a sentence: `4031 (motion attempted …)`.
+        """Return a number with its meaning, for use in a sentence: `4031 (motion attempted …)`.
 
         An unconfirmed meaning is marked as such. A number without a text is returned without a
         meaning.

@@ -17,7 +17,7 @@ from contextlib import suppress
 from epson_driver.inputs import printable
 
 PERIOD_S = 1.0
-"""Minimum time between two lines of a throttle that has used up its burst, s."""
+"""Minimum time between two lines that a throttle passes after its burst, s."""
 
 
 class LogThrottle:
@@ -66,7 +66,8 @@ class PrintableFormatter(logging.Formatter):
 
 
 BURST_LINES = 20
-"""Burst of each logging statement, in lines. Afterwards it may write one line per second."""
+"""Number of lines that a logging statement may write in a burst. Then one line per second
+passes."""
 
 _STDERR_DESCRIPTOR = 2
 _MAX_WAITING_LINES = 1000
@@ -92,7 +93,7 @@ class StderrLog(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Queue the line for the thread.
 
-        Drop it if its rate is too high, or if the queue is full.
+        The line is dropped if its statement exceeds the rate limit, or if the queue is full.
         """
         where = (record.pathname, record.lineno)
         if where not in self._throttles:

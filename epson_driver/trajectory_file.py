@@ -23,7 +23,7 @@ MAX_FILE_BYTES = 64_000_000
 """Maximum file size, bytes: 180,000 points of six joints with velocities and accelerations."""
 
 MAX_DURATION_S = 1_000_000
-"""Maximum time of a point, s (11 days). Beyond it, a float does not resolve nanoseconds."""
+"""Maximum time of a point, s (11 days). A float cannot resolve nanoseconds at larger times."""
 
 MAX_VALUE = 1e6
 """Maximum absolute value of a number in a point (rad or m). Robot limits are checked later."""
@@ -43,7 +43,7 @@ def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
     """Return the trajectory in a file. Only the first of several YAML documents is read.
 
     A `time_from_start` is a mapping with `sec` and `nanosec`, or a number of seconds. `timed`:
-    whether every point must have a time. If False, the time of a point without one is 0 s. Raises
+    whether every point must have a time. If False, a point without a time gets 0 s. Raises
     InputError if the content is invalid.
     """
     data = read_yaml(path, largest=MAX_FILE_BYTES, several=True)

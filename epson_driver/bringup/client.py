@@ -36,10 +36,8 @@ DESCRIPTION = ('parent', 'origin_xyz', 'origin_rpy')
 """Arguments of every launch file that publishes the robot's description."""
 
 FORWARDED = ('robot_ip', 'robot_model', 'controller', 'interface', 'password_variable')
-"""Launch arguments that are passed to the client as parameters of the same name, unless empty.
-
-The password variable can only come from a robot's file.
-"""
+"""Launch arguments that are passed to the client as parameters of the same name, unless empty. The
+password variable can only come from a robot's file."""
 
 DEFAULT_MODEL = 'c3_a601s'
 
@@ -77,7 +75,7 @@ def _with_robot(values: Mapping[str, str]) -> dict[str, str]:
 
 
 def effective(values: Mapping[str, str]) -> dict[str, str]:
-    """Return the launch arguments. Empty ones are replaced by the values in params_file."""
+    """Return the launch arguments, with values from params_file for empty arguments."""
     values = _with_robot(values)
     path = values['params_file']
     file_values = file_parameters(path, values['namespace']) if path else {}

@@ -18,15 +18,12 @@ from epson_driver.robots.kinematics import singularity_thresholds
 from epson_driver.share import share_path
 
 JOINTS_OF_A_FREE_TOOL = 6
-"""Minimum number of joints for any tool orientation.
-
-With fewer joints, KDL finds solutions for the position only.
-"""
+"""Minimum number of joints of an arm whose tool can have any orientation. For fewer joints,
+MoveIt's KDL solver is set to solve for the position only."""
 
 MARGIN_FRACTION = 0.05
-"""Maximum margin of MoveIt Servo at each joint limit, as a fraction of the joint's range. A joint
-with a short range, such as a SCARA's shaft, thus gets a smaller margin.
-"""
+"""Maximum margin of MoveIt Servo at each joint limit, as a fraction of the joint's range. It
+reduces the margin of a joint with a short range, such as a SCARA's shaft."""
 
 SCARA_CORNERS = 0.01
 """`path_tolerance` of MoveIt's TOTG (time-optimal trajectory generation) for a SCARA, rad and m.
@@ -102,7 +99,7 @@ def servo_parameters(model: str) -> dict[str, Any]:
 def joint_limits(model: RobotModel, prefix: str = '') -> dict[str, Any]:
     """Return MoveIt's joint_limits.yaml for a model.
 
-    It lacks position limits, which are in the URDF.
+    The position limits are not in this file, but in the URDF.
     """
     rows: dict[str, dict[str, Any]] = {prefix + joint: {} for joint in model.joint_names}
     for quantity in ('velocity', 'acceleration', 'jerk'):

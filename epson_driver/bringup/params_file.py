@@ -14,7 +14,7 @@ NODE_NAME = 'epson_driver'
 
 
 def file_parameters(path: str, namespace: str) -> dict[str, Any]:
-    """Return the client's parameters in a file. A later section overrides an earlier one."""
+    """Return the client's parameters in a file. Later sections override earlier ones."""
     if not Path(path).is_file():
         raise BringupError(f'launch argument params_file = {path}: no such file')
     node = '/' + '/'.join([*filter(None, namespace.split('/')), NODE_NAME])

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters for ros2_control: its hardware interface to the driver, and its controllers."""
+"""Parameters for ros2_control: hardware interface to the driver, and controllers."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -19,17 +19,11 @@ GOAL_TOLERANCE = {'revolute': 0.01, 'prismatic': 0.001}
 """Joint type → goal tolerance of the controller, rad or m."""
 
 PATH_TOLERANCE_S = 0.5
-"""Time by which the arm may lag behind the setpoint, s. It determines the path tolerance.
-
-An arm that follows the setpoints lags less. A larger lag aborts the goal.
-"""
+"""Time by which the arm may lag behind the setpoint, s, from which the path tolerance follows. The
+lag of a working arm is smaller. A larger lag aborts the goal."""
 
 SERVO_SCALE = 0.25
-"""Default of the driver's `servo.scale`.
-
-It is the fraction of the joints' velocity, acceleration and jerk limits that streams of setpoints
-may use.
-"""
+"""Default of the driver's `servo.scale`, the fraction of the joint limits that streams may use."""
 
 
 def ros2_control_arguments(namespace: str) -> dict[str, str]:

@@ -87,7 +87,7 @@ class Project:
     def visible(self, name: str, line: int, column: int) -> Iterator[Symbol]:
         """Yield the symbols that can be written at a position.
 
-        They are labels after GoTo, and all other symbols elsewhere.
+        After GoTo these are the labels, elsewhere all other symbols.
         """
         function = self.symbols.function_at(name, line)
         jump = _JUMP.match(self.symbols.files[name].lines[line][:column]) is not None
@@ -104,8 +104,8 @@ class Project:
     def renamed(self, symbol: Symbol, new: str) -> dict[str, list[tuple[Place, str]]]:
         """Return the changes of each file that rename a symbol.
 
-        The header of a file that RC+ wrote is changed to match. Raises RenameError if the new name
-        is not possible.
+        Size and checksum in the header of an RC+ file are updated. Raises RenameError if the new
+        name is invalid.
         """
         places = self.symbols.references(symbol)
         self._check_name(symbol, new, places)
@@ -154,8 +154,8 @@ class Projects:
     def of(self, path: Path) -> Project | None:
         """Return the project of a file, or None if the file is not below a workspace folder.
 
-        The project is the file's folder. If this folder's .sprj does not list the file, the
-        project is only the file.
+        The project consists of the files in the file's folder. If this folder's .sprj does not
+        list the file, the project contains only the file.
         """
         path = path.resolve()
         if not any(path.is_relative_to(root) for root in self.roots):

@@ -4,7 +4,7 @@
 
 In `projects`, columns count code points. In the protocol they count the client's units, usually
 UTF-16. `check` runs in a thread after `DEBOUNCE` seconds without a change, and again after changes
-during the check. Questions about names are answered from the index at any time.
+during the check. Requests about names are answered from the index, even during a check.
 """
 
 import asyncio
@@ -118,7 +118,7 @@ class SpelServer(LanguageServer):
     def _report(self, task: asyncio.Task[None]) -> None:
         """Log and display the error that ended a check.
 
-        The same error of the previous check is not reported again.
+        An error that the previous check has also raised is not reported again.
         """
         error = None if task.cancelled() else task.exception()
         if error is None:

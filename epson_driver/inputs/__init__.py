@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of user input: files, parameters and arguments.
 
-Invalid input raises InputError. Its text is one sentence with the place, the value and the rule.
-No content raises another exception.
+Invalid input raises InputError and no other exception. Its text is one sentence with the place,
+the value and the rule.
 """
 
 from collections.abc import Sequence
@@ -64,7 +64,7 @@ __all__ = [
 def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> Any:
     """Return the data of a YAML file. See `yaml_file.read_yaml`.
 
-    PyYAML is imported with the first file, because many importers of this package read none.
+    PyYAML is imported by the first call, because many importers of this package read no YAML.
     """
     from epson_driver.inputs import yaml_file
 

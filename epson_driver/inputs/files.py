@@ -20,7 +20,7 @@ from epson_driver.inputs.rules import FileError, InputError, printable
 MEGABYTE = 1_000_000
 
 _MAX_NAMES = 1000
-"""Maximum number of files in a folder whose names are compared with a missing one."""
+"""Maximum number of names in a folder that are compared with the name of a missing file."""
 
 
 @contextmanager

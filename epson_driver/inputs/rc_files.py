@@ -18,10 +18,8 @@ from operator import xor
 from epson_driver.inputs import InputError, decimal, printable, shown
 
 MAC = '02-00-00-00-00-00'
-"""Default for the MAC address in the header.
-
-It is locally administered, so it belongs to no PC.
-"""
+"""Default for the MAC address in the header. This address is locally administered, so it belongs
+to no PC."""
 
 CRLF = '\r\n'
 _DEEPEST = 8
@@ -54,7 +52,7 @@ class Block:
         return usual if value is None else value.removeprefix('"').removesuffix('"')
 
     def number(self, key: str, usual: float = 0) -> float:
-        """Return the number of a key, or `usual` if the key is missing.
+        """Return the value of a key as a number, or `usual` if the key is missing.
 
         Raises RcFileError if the value is not a number.
         """
@@ -141,7 +139,7 @@ def header_fault(content: bytes) -> str:
 
 
 def resealed(content: bytes) -> bytes:
-    """Return a file, which has LF line ends, with the correct size and checksum in its header."""
+    """Return a file's content with correct size and checksum in its header. Line ends are LF."""
     first, _, rest = content.partition(b'\n')
     body = rest.replace(b'\n', b'\r\n')
     numbers = b'DS:%010d,CS:%05d' % (len(first) + 2 + len(body), checksum(body))

@@ -19,7 +19,7 @@ MAX_JOINT_NAME_CHARACTERS = 100
 MAX_HOST_CHARACTERS = 253
 
 MIN_LIKENESS = 0.8
-"""Minimum similarity of two names, as computed by difflib. 1 is identical."""
+"""Minimum similarity of a probable misspelling, as computed by difflib (1: identical)."""
 
 MIN_RELATED = 0.6
 """Minimum similarity of a name that an error text suggests."""
@@ -41,7 +41,7 @@ def near_names(name: str, known: Sequence[str]) -> list[str]:
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """Return the end of an error text: the known names that `name` is near, else all."""
+    """Return the end of an error text: known names similar to `name`, or all known names."""
     known = list(known)
     alike = {_plain(item): item for item in known}
     plain = _plain(name)
@@ -78,7 +78,7 @@ class _Shortened(Repr):
         self.maxlist = self.maxtuple = self.maxdict = 8
 
     def repr_int(self, value: int, level: int) -> str:
-        """Return the digits of a number.
+        """Return a number's digits, or the number of digits if Python refuses a conversion.
 
         Return their count if Python refuses to convert the number.
         """
@@ -140,7 +140,7 @@ class Rule:
             raise InputError(f'{where} = {shown(value)}: {self.text_for(value)}') from None
 
     def argument(self, value: object, name: str) -> Any:
-        """Return the checked argument of a public function. Raises ArgumentError."""
+        """Return the converted argument `name` of a public function, or raise ArgumentError."""
         try:
             return self.checked(value, name)
         except InputError as error:
@@ -148,7 +148,7 @@ class Rule:
 
 
 def number(low: float, high: float, unit: str = '') -> Rule:
-    """Return the rule for a finite number within bounds. It excludes true and false."""
+    """Return the rule for a finite number from `low` to `high`. It excludes true and false."""
 
     def read(value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -171,7 +171,7 @@ def decimal(text: str) -> float:
 
 
 def count(low: int, high: int) -> Rule:
-    """Return the rule for a whole number within bounds. It excludes true and false."""
+    """Return the rule for a whole number from `low` to `high`. It excludes true and false."""
 
     def read(value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int):

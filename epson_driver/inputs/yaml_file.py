@@ -43,8 +43,8 @@ def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> 
     """Return the data of a YAML file of at most `largest` bytes.
 
     The data consists of mappings with string keys, lists, strings, numbers, true, false and None,
-    without shared objects. `several`: use the first of several documents. Otherwise exactly one is
-    required. Raises InputError with the file and the line for anything else.
+    without shared objects. `several`: use the first of several documents. If False, exactly one
+    document is required. Raises InputError with the file and the line for anything else.
     """
     file = printable(path)
     content = read_file(path, largest)
@@ -73,7 +73,8 @@ def yaml_value(text: str, where: str) -> Any:
 def yaml_line(path: Path, keys: Sequence[str]) -> int | None:
     """Return the line number, from 1, of a nested key in a file already read by `read_yaml`.
 
-    If the key is missing, return the line of its deepest existing parent, or None if it has none.
+    If the key is missing, return the line of its deepest existing parent, or None if no parent
+    exists.
     """
     try:
         node: Any = yaml.compose(read_file(path, MEGABYTE).decode('utf-8-sig'), Loader=_Loader)

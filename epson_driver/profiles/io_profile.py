@@ -21,7 +21,7 @@ MAX_PERIOD_S = 60.0
 Point = tuple[IoType, int]
 
 OUTPUTS = {'DO': IoType.DIGITAL_OUTPUT, 'AO': IoType.ANALOG_OUTPUT}
-"""Types of outputs by the prefix of their names in a profile, such as `DO0` and `AO1`."""
+"""Prefix of output names in a profile (`DO0`, `AO1`) → type of the outputs."""
 
 ALL = 'all'
 

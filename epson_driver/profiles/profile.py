@@ -41,9 +41,9 @@ class MotionProfile:
     * `power`: motor power that the program sets at the start of a trajectory.
     * `cp`: whether a point-to-point move blends into the next one, if that arrives in time.
     * `statement_overhead`: time before each point-to-point move, s.
-    * `look_ahead`, `look_ahead_points`: smooth motion accepts a point while the points ahead of
-      the arm last for less than this time, s, and are fewer than this number.
-    * `pending_limit`: maximum number of received points that wait for their acceptance.
+    * `look_ahead`, `look_ahead_points`: maximum duration, s, and maximum number of the points
+      ahead of the arm. Smooth motion accepts a further point below both.
+    * `pending_limit`: maximum number of received points that wait to be accepted.
     """
 
     speed: float
@@ -71,8 +71,9 @@ class ServoProfile:
 class DownloadProfile:
     """Handling of trajectories that are downloaded as a whole before the arm moves.
 
-    `buffer`: maximum number of points. `overflow`: whether a longer trajectory is refused, or the
-    points beyond `buffer` are dropped. `dead_time`: time that the program needs for each point, s.
+    `buffer`: maximum number of points. `overflow`: whether a trajectory with more points is
+    refused, or its further points are dropped. `dead_time`: time that the program needs for each
+    point, s.
     """
 
     buffer: int
@@ -95,20 +96,20 @@ class ProgramProfile:
     * `check_sequence`, `check_limits`: whether a point with a wrong sequence number, or outside
       the limits, is refused. Otherwise the motion ends with error 4001 when it reaches a point
       outside the limits.
-    * `uses`: whether a point's velocity, its duration, both or none of them are used.
+    * `uses`: which of a point's velocity and duration are used: one, both or none.
     * `late_failure`: whether a point outside the limits is answered with SUCCESS, then with
       FAILURE, and the connection is closed. The arm finishes the earlier points.
     * `accepts`: which messages are points. 'exact': a JOINT_TRAJ_PT of its exact length. 'longer':
-      also a longer one, and STOP may be sent as a topic. 'any': a message of any type that is long
-      enough for the joints. Shorter messages are not answered.
-    * `special_sequences`: accepted negative sequence numbers. 'all', or 'stop': only STOP. Any
-      other one is not answered.
+      also a longer JOINT_TRAJ_PT, and STOP may be sent as a topic. 'any': a message of any type
+      that is long enough for the joints. Shorter messages are not answered.
+    * `special_sequences`: accepted negative sequence numbers. 'all', or 'stop': only STOP. A
+      message with any other negative number is not answered.
     * `skip_first`: maximum distance of each joint from the arm's position, rad or m, at which the
       first point is skipped (0: never).
     * `motors`: how a driver switches the motors and resets errors. 'none': not at all.
       'remote_ethernet': by Remote Ethernet, if its port is configured. 'restart': also by Remote
-      Ethernet, but the driver stops main before and starts it afterwards. 'motoman': by Motoman's
-      commands. 'rtmc': by Real-time Motion Control.
+      Ethernet, but the driver stops main before and starts main afterwards. 'motoman': by
+      Motoman's commands. 'rtmc': by Real-time Motion Control.
     * `smoothing`, `resample_period` (s), `thin_deviation` (rad, m): defaults of a driver's
       parameters with these names, which select the points of a trajectory to send.
     * `setpoint_period`: default of a driver's parameter `servo.period`, the time between the
@@ -150,11 +151,12 @@ class StateProfile:
     * `joint_positions_per_status`: number of joint messages after which a STATUS follows.
     * `status_with_joints`: whether the STATUS is sent together with the last of these joint
       messages. Otherwise it is sent in the next slot.
-    * `status_at_rest`: whether a STATUS also takes the first slot after the arm has come to rest.
+    * `status_at_rest`: whether a STATUS is also sent in the first slot after the arm has come to
+      rest.
     * `message`: type of the joint messages.
     * `feedback_time`: whether a JOINT_FEEDBACK contains the controller's time.
-    * `errors`: which errors are reported. 'alarms': only those that need a reset, so no rejected
-      requests and no E-stop.
+    * `errors`: which errors are reported. 'alarms': only errors that need a reset, so neither
+      rejected requests nor the E-stop.
     """
 
     period: float
@@ -171,11 +173,11 @@ class ServerProfile:
     """Handling of clients at the controller's ports.
 
     `lost_client` is the reaction of the arm to a lost motion client. 'brake': it brakes and the
-    motors are switched off. 'finish': it finishes its points, motors on. 'keep': it stops with
-    the motors on, keeps its points, and resumes when the next client connects.
+    motors are switched off. 'finish': it finishes its points, motors on. 'keep': it stops with the
+    motors on, keeps its points, and resumes when the next client connects.
 
     `client_timeout`: the arm stops when a motion client that sends heartbeats is silent for this
-    time, s. A driver sends heartbeats if this is not 0. 0 disables both.
+    time, s. 0: the controller does not check the client, and a driver sends no heartbeats.
 
     `full` is the reaction to a motion or state client beyond the maximum: 'refuse' it, or
     'replace' the first client, unless the arm has points left. `state_clients` and `io_clients`
@@ -194,8 +196,8 @@ class RemoteProfile:
     """The Remote Ethernet port.
 
     `session_timeout`: time without a command after which a client is disconnected, s (0: never).
-    `password`: if it is empty, any password is accepted. `clients`: maximum number of simultaneous
-    logins.
+    `password`: any password is accepted if this one is empty. `clients`: maximum number of
+    simultaneous logins.
     """
 
     session_timeout: float
@@ -207,8 +209,8 @@ class RemoteProfile:
 class RtmcProfile:
     """Real-time Motion Control of an RC800.
 
-    `port`: UDP port at which it is discovered (0: it is not available). `cycle`: time between two
-    targets, s.
+    `port`: UDP port at which a driver discovers the controller (0: not available). `cycle`: time
+    between two targets, s.
     """
 
     port: int
@@ -273,8 +275,8 @@ def load_controller_profile(name: str) -> ControllerProfile:
 
     EPSON's spelling (RC700-A) and the controllers in ALIKE are also accepted. A profile with
     `like: OTHER` contains only its differences from OTHER, which is the name of a profile or of a
-    .yaml file in the same folder. Raises InputError if a profile is invalid or unknown. If it is
-    unknown, the text lists similar names.
+    .yaml file in the same folder. Raises InputError if a profile is invalid or unknown. The error
+    text lists names that are similar to an unknown one.
     """
     path = _path(name, Path())
     values = checked(_read(path), printable(path))
@@ -317,7 +319,7 @@ def _path(name: str, folder: Path) -> Path:
 def _read(path: Path) -> dict[str, Any]:
     """Return the settings in the file.
 
-    Missing settings are taken from the profile that the key `like` names.
+    Settings that are missing in the file come from the profile that its key `like` names.
     """
     layers: list[dict[str, Any]] = []
     read: list[str] = []

@@ -62,7 +62,7 @@ def _mapping(value: Any) -> dict[str, Any]:
 
 
 def _defines(value: Any) -> dict[str, str]:
-    """Return #define lines by name.
+    """Return the values of #define lines by name.
 
     Numbers are converted to texts, and null is converted to an empty text.
     """
@@ -147,7 +147,10 @@ RULES: dict[str, Rule] = {
 
 
 def checked(data: dict[Any, Any], file: str) -> dict[str, Any]:
-    """Return the sections with their values, converted by `RULES`. Raises InputError."""
+    """Return the sections of a profile, with values converted by `RULES`.
+
+    Raises InputError if a key is unknown or missing, or if a value is invalid.
+    """
     flat_values = dict(_flat(data, ''))
     values: dict[str, Any] = {}
     for key in sorted(flat_values.keys() - RULES.keys()):

@@ -46,9 +46,9 @@ CONTROL_DEVICES = {
 
 
 async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
-    """Return the flags that are set, and the error number.
+    """Return the names of the flags set in GetStatus, and the error number.
 
-    RC+ 5 omits the first flag, which is Test.
+    A controller of RC+ 5 omits the first flag, Test.
     """
     value = await ask('GetStatus')
     bits, _, number = value.partition(',')
@@ -62,7 +62,7 @@ async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
 async def ask_control_device(ask: Ask) -> int | None:
     """Return the number of the device in control, a key of CONTROL_DEVICES, or None.
 
-    It is unconfirmed that GetContDev uses the numbers of CtrlInfo(5).
+    GetContDev is assumed to use the numbers of CtrlInfo(5), which is unconfirmed.
     """
     try:
         value = (await ask('GetContDev')).strip()
@@ -102,7 +102,7 @@ _SHOWN_CHARACTERS = 60
 
 
 async def ask_positions(ask: Ask, units: Sequence[str]) -> tuple[tuple[float, ...], bool]:
-    """Return the joint positions, and whether the motors are on.
+    """Return the joint positions, rad or m, and whether the motors are on.
 
     `units`: rad or m for each joint.
     """

@@ -57,24 +57,19 @@ MAX_LOGINS = 5  # a controller without a free session closes the connection
 LOGIN_RETRY_PERIOD_S = 0.2  # delay before the next login attempt, s
 
 LOGIN_TIMEOUT_S = 5.0
-"""Timeout of one login attempt, s.
-
-After this time, a new attempt is faster than waiting, because the operating system repeats a
-dropped connection request at increasing intervals.
-"""
+"""Timeout of one login attempt, s. The operating system repeats a lost connection request at
+increasing intervals, so after this time a new attempt is faster."""
 
 Ask = Callable[[str], Awaitable[str]]
-"""Function that sends a command, written without its `$`, and returns the value of the reply.
-
-The value contains only printable characters. Raises RemoteError if the command is refused.
-"""
+"""Function that sends a command, written without its `$`, and returns the value of the reply. The
+value contains only printable characters. Raises RemoteError if the command is refused."""
 
 Login = Callable[[float], AbstractAsyncContextManager[Ask]]
 """Function that opens a session and yields an `Ask`. Its argument is the session's timeout, s."""
 
 
 class RemoteError(Exception):
-    """The controller refused a command. `number` and `meaning` are those of the error."""
+    """The controller refused a command. `number`, `meaning`: the error number and its meaning."""
 
     def __init__(self, command: str, number: int) -> None:
         command = without_password(command)
@@ -89,7 +84,7 @@ async def execute(
 ) -> list[str]:
     """Log in, send commands, log out, and return the values of the replies.
 
-    If all commands are `Sim,…`, no login is needed.
+    No login is made if all commands are `Sim,…`.
     """
     if all(command.startswith('Sim,') for command in commands):
         session = connected(host, port, timeout)
@@ -149,7 +144,7 @@ async def _answering(
 ) -> tuple[Ask, asyncio.StreamWriter]:
     """Connect and send `first_command`, at most `attempts` times.
 
-    The command must not move the arm.
+    `first_command` must not move the arm, because it may be executed more than once.
     """
     while True:
         attempts -= 1
@@ -244,7 +239,7 @@ T = TypeVar('T')
 
 
 class PreemptedError(ConnectionError):
-    """A dialogue (a sequence of commands) was cancelled or refused because of an urgent one."""
+    """A dialogue (sequence of commands) was cancelled or refused because of an urgent dialogue."""
 
     def __init__(self) -> None:
         super().__init__('the remote port was needed for the motors')

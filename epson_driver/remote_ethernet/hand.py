@@ -31,7 +31,7 @@ class RefusedError(Exception):
 class Action(NamedTuple):
     """An operator action.
 
-    `stops`: whether the action can only stop the arm. Such an action may be repeated.
+    `stops`: whether the action can only stop the arm, so that it may be repeated.
     """
 
     commands: tuple[str, ...]  # alternatives, tried until the controller supports one

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The robot models by name, and the entries of files that define each model.
 
-config/robots/ has one file for each series. It contains the data common to all models and, under
-`models`, a row per model that overrides them. A row or a user's file that is `like` another model
-overrides the data of that model.
+config/robots/ has one file for each series. The file contains the data common to all models of the
+series and, under `models`, a row of differences for each model. A row or a user's file with the
+key `like` contains the differences from another model.
 """
 
 import re
@@ -20,7 +20,7 @@ MAX_NAMES = 6
 """Maximum number of similar names in the error for an unknown name."""
 
 ALIKE = 0.4
-"""Minimum similarity of such a name to the unknown name, 0 … 1, as defined by difflib."""
+"""Minimum similarity of a suggested name to the unknown name, 0 … 1, as defined by difflib."""
 
 
 SOLD_AS = {
@@ -36,11 +36,11 @@ SOLD_AS = {
     't6': ['t6_602s'],
     'vt6l': ['vt6_a901s'],
 }
-"""Name under which an arm is sold → its models. The name omits the generation and the mounting."""
+"""Sales name of an arm → its models. A sales name omits the generation and the mounting."""
 
 
 class Layer(NamedTuple):
-    """Values for a model, from the file `path`, or from its entry with the nested keys `where`."""
+    """Values for a model: the file `path`, or the part of it under the nested keys `where`."""
 
     path: Path
     where: tuple[str, ...]
@@ -54,9 +54,9 @@ def robot_models() -> tuple[str, ...]:
 def model_name(name: str) -> str:
     """Return the name of a model in config/robots/, or the path of a .yaml file unchanged.
 
-    EPSON's spelling C4-A601S is also accepted, even without the hyphen or the last S. So are the
-    unambiguous start of a name, and the name under which an arm is sold. For any other name raises
-    InputError, with similar names or with the data that this package lacks for an EPSON arm.
+    EPSON's spelling C4-A601S is also accepted, even without the hyphen or the last S. The
+    unambiguous start of a name, and an arm's sales name, are accepted, too. Raises InputError for
+    any other name, with similar names or with the unpublished data of an EPSON arm.
     """
     if name.endswith('.yaml'):
         return name
@@ -103,7 +103,7 @@ def layers(name: str) -> list[Layer]:
 
 @cache
 def _models() -> dict[str, tuple[Layer, Layer]]:
-    """Return two layers for each model: the data of its series, and of the model itself.
+    """Return two layers for each model: the data of its series, and the data of the model itself.
 
     The names are sorted.
     """
@@ -138,7 +138,7 @@ def _near(models: list[str]) -> str:
 
 
 def _unknown(plain: str) -> str:
-    """Return a clause about an EPSON arm without a model, whose data is unpublished, or ''."""
+    """Return a clause if `plain` is an EPSON arm whose data is unpublished, else ''."""
     unknown = read_yaml(share_path('config', 'unknown_robots.yaml'))
     series = [name for name in unknown if plain.startswith(_plain(name))]
     if not series:

@@ -25,7 +25,7 @@ class Chain:
     """The n joints of an arm: their origins in their parents' frames, m, and their axes.
 
     Both have the shape (n, 3). The axes are unit vectors. When its position increases, a revolute
-    joint turns about its axis, and a prismatic joint moves along it.
+    joint turns about its axis (right-hand rule), and a prismatic joint moves along its axis.
     """
 
     origins: Array
@@ -72,8 +72,8 @@ def reach(chain: Chain, types: tuple[str, ...], strokes: Array, tool: Array) -> 
 
     The computation starts at the tool. A revolute joint turns the part of its offset that is
     perpendicular to its axis. This part is a lever of fixed length. The part along the axis is
-    passed to the previous joint. The reach of a joint is the sum of the levers between this joint
-    and the tool.
+    passed to the previous joint. A joint's reach is the sum of the levers between this joint and
+    the tool.
     """
     count = len(types)
     arms = np.zeros(count)

@@ -26,17 +26,17 @@ LIMIT_TOLERANCE_RAD = 1e-9
 """Rounding tolerance at the ends of a joint's range, rad or m."""
 
 SAME_SOLUTION_RAD = 1e-5
-"""Solutions whose joints differ by less than this are merged. A stretched arm has such pairs."""
+"""Maximum difference of joints between solutions that are merged, as for a stretched arm."""
 
 GIMBAL_LOCK_RAD = 1e-6
-"""If EPSON's angle V is closer than this to ±π/2, it counts as ±π/2."""
+"""Maximum distance from ±π/2 at which EPSON's angle V counts as ±π/2."""
 
 
 class Solver(Protocol):
     """A closed-form solution for one kind of chain. Its poses are poses of tool0 in base_link."""
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
-        """Return all solutions, including solutions beyond the limits.
+        """Return all solutions for a pose, including solutions beyond the joint limits.
 
         In a singularity, `near` selects one of the possible solutions.
         """
@@ -128,7 +128,7 @@ class Kinematics:
         return self._solver.why_unreachable(self._of_tool0(_checked_pose(pose)))
 
     def sides(self, joints: Array) -> tuple[float, ...]:
-        """Return a number for each choice of configuration. Its sign is the choice.
+        """Return a number for each choice of the arm's configuration. The sign is the choice.
 
         A SCARA has one number, the position of joint 2, rad. A six-axis arm has three: the
         distance of the wrist in front of joint 1's axis, m, the upward bend of the elbow, rad, and
@@ -163,7 +163,7 @@ class Kinematics:
     def _turns(self, branch: Array) -> list[Array]:
         """Return all variants of a solution.
 
-        They differ by full turns of joints that can turn more than once within their ranges.
+        The variants differ by full turns of joints whose ranges exceed one turn.
         """
         limits = self.model.limits
         choices = []
@@ -225,7 +225,7 @@ def _checked_pose(pose: Array) -> Array:
 
 
 POSES = 2000
-"""Number of random poses that represent the workspace. They are spread over the joint ranges."""
+"""Number of random poses that represent the workspace, spread over the joint ranges."""
 
 USUAL = 0.8
 """Quantile of the poses' condition numbers above which MoveIt Servo slows the arm."""

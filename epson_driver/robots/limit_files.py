@@ -62,7 +62,7 @@ def urdf_limits(text: str) -> Rows:
 
 
 def file_limits(name: str) -> Rows:
-    """Return the limits of a model, or those in a joint_limits.yaml of MoveIt."""
+    """Return the limits of a robot model, or the limits in a joint_limits.yaml of MoveIt."""
     if name.endswith('.yaml'):
         values = read_yaml(Path(name))
         inside = (

@@ -26,11 +26,8 @@ POSITION_RANGE: Range = (-6e4, 6e4, 'degrees or mm')
 
 SPEED_RANGE: Range = (1e-3, 1e7, 'degrees/s or mm/s')
 LIMIT_RANGE: Range = (1e-6, 1e6, 'in its unit')
-"""Range of accelerations and jerks.
-
-Below the range, a move would take days. Above it, no such machine exists, and the smoother's times
-would be lost to rounding.
-"""
+"""Range of accelerations and jerks. With smaller values, a move would take days. No machine has
+larger ones, and the smoother's times would be lost to rounding."""
 
 LENGTH_RANGE: Range = (-1e5, 1e5, 'mm')
 ANGLE_RANGE: Range = (-600.0, 600.0, 'degrees')
@@ -52,25 +49,19 @@ ASSUMED_JERK = Provenance(
 )
 
 MIN_PULSES_PER_DEGREE = 1e-3
-"""Minimum number of pulses per degree or mm.
-
-With fewer pulses, a range could be less than a pulse.
-"""
+"""Minimum number of pulses per degree or mm. With fewer pulses, a range could be less than a
+pulse."""
 
 UNIT_TOLERANCE = 1e-9
-"""Tolerance of the length of an axis vector."""
+"""Maximum deviation of an axis vector's length from 1."""
 
 MAX_IN_RADIANS = 26.0
-"""Angle in degrees that every arm exceeds.
-
-If no joint can turn this far, the ranges are probably in rad.
-"""
+"""Angle in degrees that every arm exceeds. If no joint can turn this far, the ranges are probably
+in rad."""
 
 LEAST_LENGTH_M = 0.02
-"""Minimum sum of a chain's lengths.
-
-If the sum is smaller, the lengths are probably in m, not in mm.
-"""
+"""Minimum sum of a chain's lengths. If the sum is smaller, the lengths are probably in m, not in
+mm."""
 
 MIN_RANGE = 1e-4
 
@@ -191,10 +182,8 @@ QUANTITIES = (
     *('range', 'speed', 'acceleration', 'jerk', 'pulses'),
     *('origins', 'heights', 'tool0', 'world', 'payload', 'mass'),
 )
-"""Quantities that have a source: their keys without the units.
-
-The key `origins_mm` includes `heights`.
-"""
+"""Quantities that have a source: their keys without the units. The key `origins_mm` includes
+`heights`."""
 
 OTHER_KEYS = (
     *('name', 'description', 'like', 'sources', 'joint_names', 'joint_types', 'zero_outside'),
@@ -204,7 +193,7 @@ OTHER_KEYS = (
 
 
 def _keys(types: tuple[str, ...]) -> dict[str, str]:
-    """Return the key of each quantity of the joints. The key contains the units."""
+    """Return the key in the file for each quantity of the joints. The key contains the units."""
     mixed = PRISMATIC in types
     shown, si = ('deg_mm', 'rad_m') if mixed else ('deg', 'rad')
     return {

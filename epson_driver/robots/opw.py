@@ -27,19 +27,15 @@ TOLERANCE = 1e-9
 
 
 STRAIGHT_WRIST_RAD = 2e-6
-"""Angle of joint 5, rad, below which only the sum of joints 4 and 6 matters.
-
-The error of the solution is at most this angle.
-"""
+"""Angle of joint 5, rad, below which only the sum of the angles of joints 4 and 6 matters. The
+error of the solution is at most this angle."""
 
 ROUNDING = 1e-12
-"""Relative tolerance of a wrist beside joint 1's axis."""
+"""Relative rounding tolerance of the wrist's distance from joint 1's axis."""
 
 EDGE_M = 2e-6
-"""Distance beyond the edge of the workspace that counts as reachable, m.
-
-The coordinates of a stretched arm may be there, because RC+ rounds them to 0.001 mm and 0.001°.
-"""
+"""Distance beyond the edge of the workspace that counts as reachable, m. RC+ rounds coordinates to
+0.001 mm and 0.001°, so the coordinates of a stretched arm may be slightly outside."""
 
 
 class KinematicsError(ValueError):
@@ -65,7 +61,10 @@ class OpwParameters:
 
 
 def opw_parameters(model: RobotModel) -> OpwParameters:
-    """Return a model's parameters. Raises KinematicsError if it has no closed-form inverse."""
+    """Return a model's parameters.
+
+    Raises KinematicsError if the arm has no closed-form inverse.
+    """
     _check_joints(model)
     axes = model.chain.axes
     origins = np.cumsum(model.chain.origins, axis=0)
@@ -172,7 +171,7 @@ class OpwSolver:
     def branches(self, pose: Array, near: Array) -> list[Array]:
         """Return up to eight solutions, regardless of the joint limits.
 
-        Two of them may be equal.
+        Some solutions may be equal.
         """
         first, _, _, fourth, _, _ = (self._signs * near - self._offsets).tolist()
         angles = [

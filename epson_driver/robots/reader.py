@@ -21,11 +21,8 @@ from epson_driver.motion import Array
 from epson_driver.robots.catalogue import Layer
 
 MARKS = ('confirmed', 'one source', 'derived', 'estimated')
-"""Confidence of a number, best first.
-
-A number is `confirmed` by EPSON for this model or by two sources. It is `derived` if it was
-computed from such numbers or from a sister model. It is `estimated` if it is a proxy or a guess.
-"""
+"""Confidence of a number, best first. confirmed: by EPSON for this model, or by two sources.
+derived: computed from confirmed numbers or from a sister model. estimated: a proxy or a guess."""
 
 Range = tuple[float, float, str]
 """Smallest and largest value, and their unit."""
@@ -35,7 +32,7 @@ Range = tuple[float, float, str]
 class Provenance:
     """Source of a quantity.
 
-    `marks`: how certain its number is, or the number of each joint.
+    `marks`: confidence (see MARKS) of the quantity's number, or of the number of each joint.
     """
 
     source: str

@@ -16,7 +16,7 @@ from epson_driver.robots.model import RobotModel
 from epson_driver.robots.opw import EDGE_M, TOLERANCE, KinematicsError
 
 UPRIGHT_RAD = 1e-6
-"""Maximum tilt of a pose that counts as upright. The solution ignores it."""
+"""Maximum tilt of a pose that counts as upright, rad. The solution ignores the tilt."""
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,8 @@ from epson_driver.share import share_path
 def cached(made_of: Iterable[bytes], make: Callable[[], str]) -> str:
     """Return the text that `make` generates from the bytes `made_of`, or its copy in the cache.
 
-    If the cache's folder is not usable, the text is generated each time. Files are written
-    atomically, so other processes never read an incomplete file.
+    Without a usable cache folder, the text is generated each time. Files are written atomically,
+    so other processes never read an incomplete file.
     """
     key = hashlib.sha256()
     for part in made_of:
@@ -207,7 +207,7 @@ def _bevel(smallest: float) -> float:
 
 
 def _fans(polygons: list[list[Array]]) -> Array:
-    """Return the triangles of a convex solid around the origin. All triangles face outwards.
+    """Return the triangles of a convex solid around the origin, shape (n, 3, 3), facing outwards.
 
     `polygons` are the faces of the solid.
     """

@@ -83,7 +83,10 @@ class Setup:
         )
 
     def tolerances(self, kind: str) -> Tolerances:
-        """Return the tolerances of all joints. `kind`: goal or trajectory. 0 means no limit."""
+        """Return the tolerances of all joints.
+
+        `kind`: 'goal' or 'trajectory'. 0 means no limit.
+        """
         names = self.model.joint_names
         values = np.array([self.values[f'constraints.{name}.{kind}'] for name in names])
         return Tolerances(np.where(values > 0.0, values, np.inf), np.full(len(names), np.inf))
@@ -111,7 +114,8 @@ class Setup:
 def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
     """Return the settings for which a controller's profile has values.
 
-    The byte order is excluded, because it is detected. The profile only has the initial one.
+    The byte order is excluded, because it is detected. The profile's byte order is only the
+    initial one.
     """
     return {
         'motion_port': profile.motion_port,

@@ -47,7 +47,7 @@ NAME_OR_FILE = is_a(str, 'must be a name or a path')
 
 @dataclass(frozen=True)
 class Row:
-    """One setting. Its value is one of `choices`, from `low` to `high`, or accepted by `rule`.
+    """A setting. A valid value is one of `choices`, between `low` and `high`, or meets `rule`.
 
     `now`: whether the setting may change while the driver runs.
     """
@@ -61,7 +61,7 @@ class Row:
     now: bool = False
     rule: Rule | None = None
     unit: str = ''
-    """Unit, which is appended to the description. 1 stands for a ratio."""
+    """Unit of the value, shown in the description. '1' stands for a ratio."""
 
     @property
     def description(self) -> str:
@@ -103,7 +103,7 @@ PLAN_SCALING = Row(
     'fractions of the limits, are maxima, so that a plan with low scaling factors stays slow. '
     'False: only the limits apply.',
 )
-"""A setting of the driver and of smooth_goals."""
+"""The setting `plan_scaling`, which the driver and smooth_goals share."""
 
 TABLE = (
     CONTROLLER,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import Enum, IntEnum, IntFlag
 
 MAX_JOINTS = 10
-"""Number of values in a message's joint data. For a joint that the arm lacks, the value is 0.0."""
+"""Number of values in a message's joint data. Values beyond the arm's joints are 0.0."""
 
 
 class MessageType(IntEnum):
@@ -48,7 +48,7 @@ class CommType(IntEnum):
 
 
 class ReplyCode(IntEnum):
-    """Third header word. It is INVALID in topics and requests."""
+    """Values of the third header word. Topics and requests have INVALID."""
 
     INVALID = 0
     SUCCESS = 1
@@ -143,4 +143,4 @@ class BodyError(SimpleMessageError):
 
 
 class FieldError(SimpleMessageError):
-    """A value that cannot be encoded: it has too many or too few items, or is out of range."""
+    """A value that cannot be encoded: too many or too few items, or a number out of range."""

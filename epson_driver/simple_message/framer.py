@@ -8,7 +8,7 @@ A frame consists of int32 words in the controller's byte order, and a body:
     | length | msg_type | comm_type | reply_code | body (length-12 bytes) |
     +--------+----------+-----------+------------+------------------------+
 
-`length` is the number of bytes that follow it. Frames have no magic number, version or checksum.
+`length` is the number of bytes after this word. Frames have no magic number, version or checksum.
 
 The byte order is detected from the first length. A length that is valid in one order is at least
 2**16 in the other order, so at most one order is possible.
@@ -47,7 +47,7 @@ class Frame(NamedTuple):
 class Framer:
     """Splits a stream of bytes into frames.
 
-    `byte_order`: with None, it is detected from the first frame. `max_length`: maximum of
+    `byte_order`: None to detect the byte order from the first frame. `max_length`: maximum of
     `length`, ≤ 65,535. At most `max_length + 4` bytes, and the last received chunk, are stored.
     """
 
@@ -67,7 +67,7 @@ class Framer:
         return bytes(self._buffer[self._start :])
 
     def receive_data(self, data: bytes) -> None:
-        """Append received bytes. After a FrameError they are dropped."""
+        """Append received bytes, or drop them after a FrameError."""
         if self._bad_length is not None:
             return
         if self._start == len(self._buffer):  # the usual case: only complete frames arrive
@@ -82,8 +82,8 @@ class Framer:
     def next_frame(self) -> Frame | None:
         """Return the next frame, or None if it is incomplete.
 
-        Raises FrameError if the length is invalid. Every later call raises it, too, because the
-        start of the next frame is unknown.
+        Raises FrameError if the length is invalid. Every later call raises FrameError, too,
+        because the start of the next frame is unknown.
         """
         if self._bad_length is not None:
             raise self._fail(self._bad_length)

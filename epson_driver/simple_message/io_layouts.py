@@ -45,7 +45,7 @@ MAX_ITEMS = 1024
 """Maximum items per message. The longest reply has 16,412 bytes, a frame may have 65,535."""
 
 MAX_VALUES = 8192
-"""Maximum values per IO_STREAM_PUB. With MAX_ITEMS items it then has less than 65,535 bytes."""
+"""Maximum values per IO_STREAM_PUB, so that it has less than 65,535 bytes with MAX_ITEMS items."""
 
 _INT32 = 4
 _COUNT = 'num_items'
@@ -73,7 +73,10 @@ class ItemsLayout:
         return _pack(named, dialect.byte_order)
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message, and FLOAT32 as it has no reals. Raises BodyError if invalid."""
+        """Return the message, and FLOAT32, because it has no reals.
+
+        Raises BodyError if invalid.
+        """
         words = _unpack(body, byte_order, self.message_class, len(self._head) + 1)
         head = words[: len(self._head)]
         rest = words[len(self._head) + 1 :]

@@ -68,8 +68,8 @@ MAX_TRAJECTORY_POINTS = 200
 class BodyReader:
     """Decoder of bodies that have one message class, size and dialect.
 
-    `make`: the class that `_writable` returns. `places`: index or slice of each field in the
-    values of a body.
+    `make`: a class returned by `_writable`. `places`: index or slice of each field's values in a
+    body.
     """
 
     __slots__ = ('_fields_of', '_make', '_message_class', '_unpack_from', 'dialect')
@@ -240,7 +240,8 @@ class FixedLayout:
 def _frame_packer(names: tuple[str, ...], scalar: tuple[bool, ...]) -> Callable[..., bytes]:
     """Return a function that packs header fields and a message into one frame, with `pack`.
 
-    It is compiled from source: collecting the fields in a tuple would take as long as packing.
+    The function is compiled from source, because collecting the fields in a tuple would take as
+    long as packing.
     """
     words = 'length, msg_type, comm_type, reply_code'
     values = (
@@ -258,7 +259,7 @@ class PingLayout(FixedLayout):
     """
 
     def reader(self, size: int, byte_order: ByteOrder) -> BodyReader:
-        """Return a reader of ten words. Other numbers of words are ignored."""
+        """Return a reader of ten words. The words of a body of any other size are ignored."""
         known = size % 4 or size == 40
         return super().reader(size if known else 0, byte_order)
 
@@ -416,7 +417,10 @@ def encode(packet: Packet, dialect: Dialect) -> bytes:
 
 
 def _opaque_body(message: Opaque) -> bytes:
-    """Return the body's bytes. Raises FieldError if no frame can have its type or length."""
+    """Return the body's bytes.
+
+    Raises FieldError if no frame can have the message's type or length.
+    """
     if not -(2**31) <= message.msg_type < 2**31:
         raise FieldError('msg_type', message.msg_type, 'must be an int32')
     if HEADER_SIZE + len(message.body) > MAX_LENGTH:

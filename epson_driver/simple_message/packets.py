@@ -54,10 +54,10 @@ def check_header(frame: Frame) -> tuple[CommType, ReplyCode]:
 def decode(frame: Frame) -> Packet:
     """Return the packet of a frame.
 
-    A message of unknown type is returned as `Opaque`. So is a reply whose body does not fit its
-    type, because many replies have no body, and REP-I0006 does not define the body of a FAILURE.
-    Raises HeaderError if the header is invalid, and BodyError if the body of a topic or request is
-    invalid.
+    A message of unknown type is returned as `Opaque`. A reply whose body does not fit its type is
+    also `Opaque`, because many replies have no body, and REP-I0006 does not define the body of a
+    FAILURE. Raises HeaderError if the header is invalid, and BodyError if the body of a topic or
+    request is invalid.
     """
     comm_type, reply_code = check_header(frame)
     layout = LAYOUT_OF_TYPE.get(frame.msg_type)
@@ -81,7 +81,7 @@ _Header = tuple[int, CommType, ReplyCode, BodyReader]
 class PacketFramer(Framer):
     """A framer that returns packets.
 
-    A controller sends few different headers. Each is decoded once.
+    A controller sends few different headers, so each different header is decoded only once.
     """
 
     def __init__(self, byte_order: ByteOrder | None = None, max_length: int = MAX_LENGTH) -> None:

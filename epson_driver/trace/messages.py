@@ -16,7 +16,7 @@ from epson_driver.simple_message import CommType, Frame, FrameError, Framer, Mes
 from epson_driver.trace.recording import Step
 
 USUAL_PORTS = {11000: 'motion', 11002: 'state', 11003: 'io', 50240: 'motion', 50241: 'state'}
-"""Usual port → its role. It applies to a port whose messages do not reveal the role."""
+"""Usual port → role of a port with this number if its messages do not reveal the role."""
 
 ROLES = ('motion', 'state', 'io')
 
@@ -44,7 +44,7 @@ class MessagesError(ValueError):
 
 
 class Kind(Enum):
-    """Type of an entry.
+    """Type of an entry of a recording.
 
     OPEN and REQUEST come from the driver, and SEND, END and RESET from the controller.
     """
@@ -85,7 +85,7 @@ class Splitter:
     def split(self, data: bytes) -> Iterator[tuple[bytes, Frame | RtmcMessage | None]]:
         """Yield each message with its bytes.
 
-        From an invalid message on, yield all remaining bytes with None.
+        After an invalid message, yield all remaining bytes with None.
         """
         self._bytes += data
         if not self._broken and starts(self._bytes):
@@ -122,8 +122,9 @@ class Splitter:
 def messages_of(steps: Sequence[Step], controller: str | None = None) -> Messages:
     """Return the messages of a recording, without connections of another protocol.
 
-    `controller`: its IP address, needed if there are several. Raises MessagesError if there is no
-    controller, if there are several, or if two ports have the same role.
+    `controller`: the controller's IP address, needed if the recording contains several
+    controllers. Raises MessagesError if no controller or no unique one is found, or if two ports
+    have the same role.
     """
     steps = _of_one_controller(steps, controller)
     if not steps:
@@ -183,7 +184,7 @@ def _entries(steps: Sequence[Step]) -> Iterator[Entry]:
 
 
 def _roles(entries: Sequence[Entry], port_of: dict[int, int]) -> dict[int, str]:
-    """Return port → role. Raises MessagesError if two ports have the same role."""
+    """Return the role of each port. Raises MessagesError if two ports have the same role."""
     roles: dict[int, str] = {}
     for entry in entries:
         expected = CommType.TOPIC if entry.kind is Kind.SEND else CommType.SERVICE_REQUEST

@@ -39,11 +39,8 @@ _TCP_PROTOCOL = 6
 _FIRST_SEQUENCE = 1000
 
 LINK_HEADERS = {0: 4, 1: 14, 12: 0, 101: 0, 113: 16, 276: 20}
-"""Link type → number of bytes before the IP header.
-
-The types are BSD loopback, Ethernet, raw IP (twice), and both versions of Linux cooked (`tcpdump
--i any`).
-"""
+"""Link type → number of bytes before the IP header. The types are BSD loopback, Ethernet, raw IP
+(twice), and both versions of Linux cooked (`tcpdump -i any`)."""
 
 
 class PcapError(ValueError):
@@ -100,8 +97,8 @@ class PcapWriter:
 class _Side:
     """One end of a conversation.
 
-    `sequence` is the sequence number of its next packet. It has acknowledged everything before
-    `acknowledged`.
+    `sequence`: sequence number of the next packet of this side. `acknowledged`: sequence number up
+    to which this side has acknowledged the other side's data.
     """
 
     def __init__(self, own: Address, other: Address, own_mac: bytes, other_mac: bytes) -> None:
@@ -197,7 +194,7 @@ def _text(address: bytes) -> str:
 def _sum(data: bytes) -> int:
     """Return the sum of the data's 16-bit words modulo 65,535 (RFC 1071).
 
-    65,536 is 1 modulo 65,535. The data as a single large number therefore has the same remainder.
+    The data as a single large number has the same remainder, because 65,536 is 1 modulo 65,535.
     """
     return int.from_bytes(data + b'\0' if len(data) % 2 else data) % 0xFFFF
 
@@ -212,9 +209,9 @@ def _checksum(total: int) -> int:
 def read_segments(data: bytes) -> Iterator[Segment]:
     """Yield the TCP segments of a classic pcap file, in the order of the file.
 
-    Other packets are ignored, and so is an incomplete packet at the end, which is normal if the
-    writer was killed. Raises PcapError if the file is damaged, or is not a classic capture of IP
-    packets.
+    Other packets are ignored. An incomplete packet at the end is ignored, too, because it is
+    normal if the writer was killed. Raises PcapError if the file is damaged, or is not a classic
+    capture of IP packets.
     """
     order, scale, link_type = _file_header(data)
     skip = LINK_HEADERS[link_type]
@@ -235,7 +232,7 @@ def read_segments(data: bytes) -> Iterator[Segment]:
 
 
 def _file_header(data: bytes) -> tuple[str, float, int]:
-    """Return the byte order, the unit of a time's fraction, s, and the link type."""
+    """Return the byte order, the unit of the fractions of time stamps, s, and the link type."""
     if len(data) < 24:
         raise PcapError('not a capture: shorter than the header of one')
     for order in '<>':
@@ -281,7 +278,7 @@ def _segment(packet: bytes, time: float) -> Segment | None:
 
 @dataclass(slots=True)
 class Stream:
-    """Reassembly of one direction of a conversation."""
+    """Reassembles the byte stream of one direction of a conversation."""
 
     next_sequence: int | None = None
     waiting: dict[int, bytes] = field(default_factory=dict)  # after a gap, by position

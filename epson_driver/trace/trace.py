@@ -71,8 +71,8 @@ def open_trace(folder: str, name: str) -> BinaryIO:
 class Trace:
     """Records the network traffic of `links` to a pcap file, in the event loop.
 
-    A recording ends when its file reaches `largest` bytes, which may be set at any time. `clock`
-    returns the time in ns since 1970.
+    A recording ends when its file reaches `largest` bytes. This limit may be set at any time.
+    `clock` returns the time in ns since 1970.
     """
 
     def __init__(self, links: Iterable[Link], clock: Callable[[], int] = time.time_ns) -> None:
