@@ -11,12 +11,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from control_msgs.msg import JointJog
+from geometry_msgs.msg import TwistStamped
 from std_msgs.msg import Header
 from support.ros_peer import JOINTS, Goal, RosPeer, trajectory
 
 from epson_driver.processes import processes
+from epson_driver.robots import load_robot_model
+from epson_driver.robots.kinematics import Kinematics
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / 'examples' / 'moveit_goal.py'
@@ -167,6 +171,36 @@ def generate_launch_description():
 """A launch file, to be completed by the code of docs/servo.md."""
 
 
+def switch_commands(peer: RosPeer, kind: Any, command_type: int) -> None:
+    with peer.client(kind, '/servo_node/switch_command_type') as client:
+        request = kind.Request(command_type=command_type)
+        assert peer.complete(client.call_async(request)).success
+
+
+def distance_from_line(peer: RosPeer) -> float:
+    """Jog the tool 50 mm along z, and return its largest distance from the line, m."""
+    tool, first = Kinematics(load_robot_model('c3_a601s')), len(peer.joint_states)
+    publisher = peer.node.create_publisher(TwistStamped, '/servo_node/delta_twist_cmds', 10)
+
+    def at(message: Any) -> np.ndarray:
+        position = dict(zip(message.name, message.position, strict=True))
+        return tool.forward(np.array([position[name] for name in JOINTS]))[:3, 3]
+
+    start = at(peer.joint_states[-1])
+
+    def moved() -> bool:
+        twist = TwistStamped()
+        twist.header.stamp = peer.node.get_clock().now().to_msg()
+        twist.header.frame_id = 'base_link'
+        twist.twist.linear.z = 1.0
+        publisher.publish(twist)
+        return at(peer.joint_states[-1])[2] - start[2] > 0.05
+
+    peer.wait_for(moved, 'a line by Servo')
+    peer.wait_until_still()
+    return max(float(np.hypot(*(at(state) - start)[:2])) for state in peer.joint_states[first:])
+
+
 def test_moveit_servo_jogs_the_arm_and_no_setpoint_is_clipped(
     launched: Any, tmp_path: Path
 ) -> None:
@@ -179,9 +213,7 @@ def test_moveit_servo_jogs_the_arm_and_no_setpoint_is_clipped(
     peer, environment = cell.peer, processes.ros_environment(cell.domain)
     servo = processes.Process(str(file), [], tmp_path / 'servo.log', environment, LAUNCH[:2])
     try:
-        with peer.client(kind, '/servo_node/switch_command_type') as client:
-            request = kind.Request(command_type=kind.Request.JOINT_JOG)
-            assert peer.complete(client.call_async(request)).success
+        switch_commands(peer, kind, kind.Request.JOINT_JOG)
         assert peer.goal(trajectory((GOAL_TIME_S, TARGET))).result()[0] == 'succeeded'
         jog = peer.node.create_publisher(JointJog, '/servo_node/delta_joint_cmds', 10)
 
@@ -193,6 +225,8 @@ def test_moveit_servo_jogs_the_arm_and_no_setpoint_is_clipped(
 
         peer.wait_for(moved, 'motion by Servo')
         peer.wait_until_still()
+        switch_commands(peer, kind, kind.Request.TWIST)
+        assert distance_from_line(peer) < 5e-4
         reported = len(peer.diagnostics)
         peer.wait_for(lambda: len(peer.diagnostics) > reported + 1, 'diagnostics')
         parts = peer.diagnostics[-1].status
