@@ -10,13 +10,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import partial
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
@@ -61,52 +59,43 @@ class Fleet:
         self._links = dict.fromkeys(robots, 'silent')
         with udp_by_default():
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-            self._node, self._counter = map(rclpy.create_node, ('fleet', 'fleet_rates'))
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
+            node = rclpy.create_node('fleet')
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._states: dict[str, Any] = {}
-        for name in robots:
-            received = partial(
-                lambda name, message: self._links.update({name: message.data}), name
+        self._topics = {
+            name: (
+                polled_subscription(node, String, f'/{name}/epson_driver/link_state', latched),
+                polled_subscription(node, JointState, f'/{name}/joint_states', QUEUE, raw=True),
             )
-            topic = f'/{name}/epson_driver/link_state'
-            self._node.create_subscription(String, topic, received, latched)
-            topic = f'/{name}/joint_states'
-            self._states[name] = polled_subscription(
-                self._counter, JointState, topic, QUEUE, raw=True
-            )
+            for name in robots
+        }
 
     def rows(self) -> list[Row]:
-        before, start, _ = self._used(), time.monotonic(), self._count()
-        while (remaining := start + WINDOW_S - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=min(remaining, 0.1))
-        after, counts, duration = self._used(), self._count(), time.monotonic() - start
-        rows = []
+        for _, states in self._topics.values():
+            take_all(states, QUEUE)
+        before, start = {name: _use(both) for name, both in self._robots.items()}, time.monotonic()
+        time.sleep(WINDOW_S)
+        duration, rows = time.monotonic() - start, []
         for name, both in self._robots.items():
+            (cpu, memory), (link, states) = _use(both), self._topics[name]
+            for message in take_all(link, 1):
+                self._links[name] = message.data
             ended = [f'{p.name} ended: {p.returncode}' for p in both if p.returncode is not None]
-            cpu, memory = after[name][0] - before[name][0], after[name][1]
-            state, rate = (*ended, self._links[name])[0], counts[name] / duration
-            rows.append(Row(name, state, rate, max(cpu, 0.0) / duration, memory))
+            state, rate = (*ended, self._links[name])[0], len(take_all(states, QUEUE)) / duration
+            rows.append(Row(name, state, rate, max(cpu - before[name][0], 0.0) / duration, memory))
         return rows
 
-    def _count(self) -> dict[str, int]:
-        return {name: len(take_all(item, QUEUE)) for name, item in self._states.items()}
 
-    def _used(self) -> dict[str, tuple[float, int]]:
-        both = {name: [_use(p.process_id) for p in both] for name, both in self._robots.items()}
-        return {name: (a[0] + b[0], a[1] + b[1]) for name, (a, b) in both.items()}
-
-
-def _use(process_id: int) -> tuple[float, int]:
-    folder = Path('/proc', str(process_id))
-    try:
-        fields = (folder / 'stat').read_text('ascii').rpartition(')')[2].split()
-        memory = re.search(r'(?m)^Pss:\s+(\d+)', (folder / 'smaps_rollup').read_text('ascii'))
-    except OSError:
-        return 0.0, 0
-    ticks = int(fields[11]) + int(fields[12])
-    return ticks / os.sysconf('SC_CLK_TCK'), int(memory[1]) * 1024 if memory else 0
+def _use(robot: tuple[Process, Process]) -> tuple[float, int]:
+    """Return the CPU time, s, and the memory, bytes, that a robot's processes use."""
+    ticks = memory = 0
+    for process in robot:
+        folder = Path('/proc', str(process.process_id))
+        with suppress(OSError):  # it has ended
+            fields = (folder / 'stat').read_text('ascii').rpartition(')')[2].split()
+            pss = re.search(r'(?m)^Pss:\s+(\d+)', (folder / 'smaps_rollup').read_text('ascii'))
+            ticks += int(fields[11]) + int(fields[12])
+            memory += int(pss[1]) * 1024 if pss else 0
+    return ticks / os.sysconf('SC_CLK_TCK'), memory
 
 
 def table(rows: list[Row]) -> Table:
@@ -134,8 +123,8 @@ def running_fleet(folder: Path, size: int) -> Iterator[tuple[Fleet, list[str]]]:
     discovery server uses no shared memory, because the files left by killed processes in /dev/shm
     can block its answers.
     """
-    installed = Path(sys.executable).with_name(PROGRAM)  # by pip
-    server = str(installed) if installed.is_file() else shutil.which(PROGRAM)
+    by_pip = Path(sys.executable).with_name(PROGRAM)
+    server = shutil.which(str(by_pip)) or shutil.which(PROGRAM)
     if server is None:
         raise RunError(f'no {PROGRAM}: it comes with Fast DDS (apt install ros-jazzy-fastrtps)')
     domain = processes.free_ros_domain()
@@ -154,10 +143,9 @@ def running_fleet(folder: Path, size: int) -> Iterator[tuple[Fleet, list[str]]]:
         os.environ |= processes.ros_environment(domain) | {SERVER: f'127.0.0.1:{port}'}
         names = [f'robot_{index}' for index in range(1, size + 1)]
         arms = {name: start(processes.sim_controller, name) for name in names}
-        ports = {name: {name: arm.ports()} for name, arm in arms.items()}
-        drive = partial(start, processes.clients)
         robots = {
-            name: (drive(f'{name}_driver', ports[name], domain), arms[name]) for name in arms
+            name: (start(processes.clients, f'{name}_driver', {name: arm.ports()}, domain), arm)
+            for name, arm in arms.items()
         }
         exported = [f'{name}={os.environ[name]}' for name in ('ROS_DOMAIN_ID', RANGE, SERVER)]
         yield Fleet(robots), [*exported, 'ROS_SUPER_CLIENT=TRUE  # for ros2 topic list']
@@ -176,21 +164,13 @@ def main() -> int:
             '130 Ctrl-C before all were up',
         ),
     )
-    robots, seconds = argument(count(1, 64)), argument(number(0.1, 1e6, 's'))
-    parser.add_argument(
-        '--robots',
-        type=robots,
-        default=4,
-        metavar='N',
-        help='number of robots (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--seconds',
-        type=seconds,
-        default=math.inf,
-        metavar='S',
-        help='run time, s (default: until Ctrl-C)',
-    )
+    for name, rule, default, metavar, text in (
+        ('robots', count(1, 64), 4, 'N', 'number of robots (default: %(default)s)'),
+        ('seconds', number(0.1, 1e6, 's'), math.inf, 'S', 'run time, s (default: until Ctrl-C)'),
+    ):
+        parser.add_argument(
+            f'--{name}', type=argument(rule), default=default, metavar=metavar, help=text
+        )
     arguments = parsed(parser, refused='fleet simulates its robots: choose them with --robots')
     console = Console(highlight=False)
     interrupt.raise_at_first_signal()

@@ -1,9 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver pendant`: operator actions at a controller.
-
-Each line of output names the controller.
-"""
+"""`epson_driver pendant`: operator actions at a controller, which each line of output names."""
 
 import argparse
 import asyncio
@@ -23,104 +20,53 @@ from epson_driver.driver.inhibit import flags_inhibit
 from epson_driver.driver.remedy import with_remedy
 from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import InputError, number
+from epson_driver.remote_ethernet import client, hand
 from epson_driver.remote_ethernet.answers import ask_flags, identity
-from epson_driver.remote_ethernet.client import (
-    LOGIN_RETRY_PERIOD_S,
-    MAX_LOGINS,
-    Ask,
-    HungUpError,
-    RemoteError,
-    RemoteErrorNumber,
-    connected,
-    logged_in,
-)
-from epson_driver.remote_ethernet.hand import (
-    ACTIONS,
-    FORMS,
-    Action,
-    RefusedError,
-    UsageError,
-    action,
-    do,
-    value_or_empty,
-)
+from epson_driver.remote_ethernet.client import Ask, HungUpError, RemoteError
 from epson_driver.setup.robot_file import password_in
 from epson_driver.sim_controller.faults.fault_kinds import describe
 
 STATUS, KINDS = 'status', 'fault kinds'
-WORDS = {STATUS: 'state of the controller', KINDS: 'list the kinds of faults', **FORMS}
-WORDS |= {words: action.done or 'list all' for words, action in ACTIONS.items()}
-ONLY_SIMULATED = {
-    *(name for name in FORMS if not name.startswith('io ')),
-    *(
-        name
-        for name, action in ACTIONS.items()
-        if all(command.startswith('Sim,') for command in action.commands)
-    ),
-}
-"""Actions that a real controller refuses."""
+MOVING = 'the arm is still moving: try again when it has stopped'
 
 
 def main() -> int:
+    more = {STATUS: 'state of the controller', KINDS: 'list the kinds of faults'}
+    actions = f'\nactions (*: only at a simulated controller):\n{hand.overview(more)}'
     parser = Parser(
         prog='epson_driver pendant',
         **help_texts(
             'Perform operator actions at a controller.',
             ('pendant status', 'pendant --port 5000 estop press'),
             '0 done, 1 refused or no answer, 2 invalid arguments, 130 Ctrl-C',
-            '\n'.join(
-                (
-                    '\nactions (*: only at a simulated controller):',
-                    *(
-                        f'  {name:26}{"*" if name in ONLY_SIMULATED else " "} {text}'
-                        for name, text in WORDS.items()
-                    ),
-                )
-            ),
+            actions,
         ),
         allow_abbrev=False,
     )
-    parser.add_argument(
-        '--host',
-        type=host,
-        default='127.0.0.1',
-        metavar='ADDRESS',
-        help='address of the controller (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--port',
-        type=argument(PORT),
-        default=5000,
-        metavar='PORT',
-        help='remote port (default: %(default)s)',
-    )
+    for name, kind, default, metavar, text in (
+        ('host', host, '127.0.0.1', 'ADDRESS', 'address of the controller'),
+        ('port', argument(PORT), 5000, 'PORT', 'remote port'),
+        ('timeout', argument(number(0.1, 3600.0, 's')), 5, 'S', 'time limit, s'),
+    ):
+        text += ' (default: %(default)s)'
+        parser.add_argument(f'--{name}', type=kind, default=default, metavar=metavar, help=text)
     add_password(parser)
-    parser.add_argument(
-        '--timeout',
-        type=argument(number(0.1, 3600.0, 's')),
-        default=5.0,
-        metavar='S',
-        help='time limit, s (default: %(default)g)',
-    )
     parser.add_argument('words', nargs='+', metavar='WORD', help='action, see below')
     arguments = parsed(parser)
-    try:
-        arguments.password = password_in(arguments.password_variable, '')
-    except InputError as error:
-        parser.error(str(error))
     message, address = ' '.join(arguments.words), f'{arguments.host}:{arguments.port}'
     remedy = f'check --host and --port, or run `epson_driver doctor {arguments.host}`'
     if message == KINDS:
         print(describe())
         return 0
     try:
-        requested = Action((), stops=True) if message == STATUS else action(message)
+        arguments.password = password_in(arguments.password_variable, '')
+        requested = hand.Action((), stops=True) if message == STATUS else hand.action(message)
         print(asyncio.run(_perform(requested, message, arguments)))
-    except UsageError as error:
+    except (InputError, hand.UsageError) as error:
         parser.error(str(error))
     except RemoteError as error:
         print(f'refused: {error} [{address}]', file=sys.stderr)
-    except RefusedError as error:
+    except hand.RefusedError as error:
         print(f'refused: {error}', file=sys.stderr)
     except TimeoutError:
         print(f'no answer from {address} in {arguments.timeout:g} s; {remedy}', file=sys.stderr)
@@ -131,37 +77,38 @@ def main() -> int:
     return 1
 
 
-async def _perform(requested: Action, command: str, arguments: argparse.Namespace) -> str:
+async def _perform(requested: hand.Action, command: str, arguments: argparse.Namespace) -> str:
     """Perform an action and return the text to print.
 
     After a disconnect, only queries and stops are repeated.
     """
     place = (arguments.host, arguments.port, arguments.timeout)
     address = f'{arguments.host}:{arguments.port}'
-    tries = max(MAX_LOGINS, round(arguments.timeout / 0.2))
+    tries = max(client.MAX_LOGINS, round(arguments.timeout / 0.2))
     async with asyncio.timeout(arguments.timeout):
         while True:
             try:
                 if requested.commands and requested.commands[0].startswith('Sim,'):
-                    async with connected(*place, tries) as ask:  # $Sim needs no login
-                        if await value_or_empty(ask, 'Sim,identity'):
+                    async with client.connected(*place, tries) as ask:  # $Sim needs no login
+                        if await hand.value_or_empty(ask, 'Sim,identity'):
                             return await _result(ask, requested, command, address)
-                async with logged_in(*place, arguments.password, tries) as ask:
+                async with client.logged_in(*place, arguments.password, tries) as ask:
                     return await _result(ask, requested, command, address)
             except HungUpError:
                 if requested.done and not requested.stops:
                     raise
-                await asyncio.sleep(LOGIN_RETRY_PERIOD_S)
+                await asyncio.sleep(client.LOGIN_RETRY_PERIOD_S)
 
 
-async def _result(ask: Ask, requested: Action, command: str, address: str) -> str:
+async def _result(ask: Ask, requested: hand.Action, command: str, address: str) -> str:
     try:
         if requested.commands:
-            value = (await do(ask, requested)).replace(';', '\n') or 'none'
+            value = (await hand.do(ask, requested)).replace(';', '\n') or 'none'
         else:
             value = await _status(ask)
-    except RefusedError as error:
-        raise RefusedError(f'{await _reason(ask, error)} [{await _who(ask, address)}]') from error
+    except hand.RefusedError as error:
+        why = f'{await _reason(ask, error)} [{await _who(ask, address)}]'
+        raise hand.RefusedError(why) from error
     return f'{requested.done or f"{command}: {value}"} [{await _who(ask, address)}]'
 
 
@@ -172,23 +119,22 @@ async def _who(ask: Ask, address: str) -> str:
         return address
 
 
-async def _reason(ask: Ask, error: RefusedError) -> str:
-    text = str(error)
+async def _reason(ask: Ask, error: hand.RefusedError) -> str:
+    """Return why a controller refused. Its flags explain error NOT_READY."""
     with suppress(RemoteError):
-        if error.number == RemoteErrorNumber.NOT_READY and not error.explained:
-            flags, shown = await ask_flags(ask)
-            if result := flags_inhibit(flags, shown, load_error_texts()):
-                text = with_remedy(result.text, result.remedy, {})
-            elif 'Running' in flags:
-                text = 'the arm is still moving: try again when it has stopped'
-    number = f' (error {error.number})'
-    return text if not error.number or number in text else text + number
+        flags, shown = await ask_flags(ask) if error.number else ((), 0)
+        text = MOVING if 'Running' in flags else ''
+        if result := flags_inhibit(flags, shown, load_error_texts()):
+            text = with_remedy(result.text, result.remedy, {})
+        if text:
+            return f'{text} (error {error.number})'
+    return str(error)
 
 
 async def _status(ask: Ask) -> str:
     flags, shown = await ask_flags(ask)
-    texts, motor = load_error_texts(), (await value_or_empty(ask, 'GetMotor,0')).split(',')
-    condition = await value_or_empty(ask, 'Sim,condition')
+    texts, motor = load_error_texts(), (await hand.value_or_empty(ask, 'GetMotor,0')).split(',')
+    condition = await hand.value_or_empty(ask, 'Sim,condition')
     rows = [condition.replace(';', '\n') or f'motors={"".join(motor[1:2])}']
     if result := flags_inhibit(flags, shown, texts):
         rows.append(f'state={with_remedy(result.text, result.remedy, {})}')
@@ -198,6 +144,6 @@ async def _status(ask: Ask) -> str:
     rows += [
         f'{name}: {item}'.replace(';', '\n')
         for name in ('joints', 'tasks', 'timing', 'fault')
-        if (item := await value_or_empty(ask, f'Sim,{name}'))
+        if (item := await hand.value_or_empty(ask, f'Sim,{name}'))
     ]
     return '\n'.join(rows)

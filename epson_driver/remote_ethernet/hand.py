@@ -6,7 +6,7 @@
 performs these actions by hand.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from epson_driver.inputs import meant
@@ -20,12 +20,11 @@ class UsageError(ValueError):
 
 
 class RefusedError(Exception):
-    """The controller refused an action. The message is the reason, `number` the error number."""
+    """The controller refused an action. `number` is NOT_READY if the reason is unknown, else 0."""
 
-    def __init__(self, text: str, number: int = 0, *, explained: bool = True) -> None:
+    def __init__(self, text: str, number: int = 0) -> None:
         super().__init__(text)
         self.number = number
-        self.explained = explained  # more than the meaning of the error number is known
 
 
 class Action(NamedTuple):
@@ -83,6 +82,16 @@ POINTS = {
 SWITCH = {'off': '0', 'on': '1'}
 
 
+def overview(more: Mapping[str, str]) -> str:
+    """Return a line for each action, and for those of `more`. * marks the simulated ones."""
+    rows = [(' ', *row) for row in more.items()]
+    rows += [(' ' if form.startswith('io ') else '*', form, text) for form, text in FORMS.items()]
+    for words, item in ACTIONS.items():
+        simulated = all(command.startswith('Sim,') for command in item.commands)
+        rows.append(('*' if simulated else ' ', words, item.done or 'list all'))
+    return '\n'.join(f'  {words:26}{mark} {text}' for mark, words, text in rows)
+
+
 def action(text: str) -> Action:
     words = text.split()
     message = ' '.join(words)
@@ -123,7 +132,8 @@ async def do(ask: Ask, requested: Action) -> str:
             if error.number == RemoteErrorNumber.BAD_COMMAND and command.startswith('Sim,'):
                 continue
             why = await value_or_empty(ask, 'Sim,why')
-            raise RefusedError(why or str(error), error.number, explained=bool(why)) from error
+            unknown = not why and error.number == RemoteErrorNumber.NOT_READY
+            raise RefusedError(why or str(error), error.number if unknown else 0) from error
     raise RefusedError('not possible remotely at a real controller: do it there by hand')
 
 
