@@ -4,11 +4,10 @@
 
 from dataclasses import dataclass, field
 
-from benchmark.baselines import SPLINES, joint_spline
 from benchmark.limit_sets import limit_set
 from benchmark.metrics import Metrics, commanded_rests, measure
 from benchmark.references import ReferenceTimes
-from benchmark.strategies import STRATEGIES, Strategy, run
+from benchmark.strategies import SPLINES, STRATEGIES, Strategy, joint_spline, run
 from benchmark.trajectories import BenchmarkTrajectory
 from epson_driver.motion import JointLimits
 from epson_driver.report.smooth_study import Figures

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmark.baselines import stop_and_go
 from benchmark.exact_extrema import Recorded, exact_extrema
 from benchmark.family_members import WORK_SEEDS, FamilyMember, members
 from benchmark.limit_sets import ramp_time
 from benchmark.metrics import stops
+from benchmark.strategies import stop_and_go
 from benchmark.waypoints import Record
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Mode

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The time of goals at the simulated arm of each profile, in virtual time.
 
-Each plan is like a motion planner's (`plans.py`). At 50 % it has half of the velocity limits and a
-quarter of the acceleration limits. The time is that of the motion, without the waits around it.
+Each plan is like a motion planner's (`trajectories.py`). At 50 % it has half of the velocity
+limits and a quarter of the acceleration limits. The time is that of the motion, without the waits
+around it.
 """
 
 import sys
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.plans import blended, fastest_timing, random_vias
+from benchmark.trajectories import blended, fastest_timing, random_vias
 from epson_driver.driver.smoothing import Smoothing, usual_smoothing
 from epson_driver.motion import Trajectory, smooth
 from epson_driver.profiles.profile import load_controller_profile

@@ -16,14 +16,13 @@ from itertools import repeat
 
 import numpy as np
 
-from benchmark.baselines import SPLINES
 from benchmark.cases import Case, Task, run_case
 from benchmark.families import FamilyFigures, run_family
 from benchmark.family_members import FAMILIES, MEASURED_SEEDS
 from benchmark.limit_sets import FACTORS, limit_set, ramp_time
 from benchmark.metrics import Metrics
 from benchmark.references import References, digest
-from benchmark.strategies import STRATEGIES
+from benchmark.strategies import SPLINES, STRATEGIES
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
 from epson_driver.report.smooth_study import Figures
 

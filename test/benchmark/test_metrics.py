@@ -7,11 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from benchmark.baselines import joint_spline, stop_and_go
 from benchmark.limit_sets import FACTORS, limit_set
 from benchmark.metrics import Metrics, measure
 from benchmark.references import References, digest
-from benchmark.strategies import SAMPLE_STEP_S
+from benchmark.strategies import SAMPLE_STEP_S, joint_spline, stop_and_go
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
 from benchmark.waypoints import Record
 from epson_driver.motion import Array, go

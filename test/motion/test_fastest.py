@@ -15,11 +15,11 @@ import pytest
 from support.examples import one_in
 from support.smoother_harness import ARM, SLOW
 
-from benchmark.baselines import stop_and_go
 from benchmark.exact_extrema import exact_extrema
 from benchmark.family_members import FAMILIES, LONG_FAMILIES, members
 from benchmark.limit_sets import FACTORS, limit_set
 from benchmark.references import References, digest
+from benchmark.strategies import stop_and_go
 from benchmark.trajectories import benchmark_set
 from epson_driver.motion import Array, JointLimits, smooth
 from epson_driver.motion.closest_samples import closest_sample_indices
