@@ -38,12 +38,18 @@ class Fleet:
             )
         self.peers = {name: RosPeer(self.domain, prefix=f'/{name}') for name in names}
 
-    def _start_controller(self, name: str) -> processes.Process:
+    def _start_controller(
+        self, name: str, ports: processes.Ports | None = None
+    ) -> processes.Process:
         start = ','.join(map(str, self.start[name]))
         log = self._folder / f'{name}.log'
         return processes.sim_controller(
-            log, '--motion=ptp', '--state-period=0.02', f'--start={start}'
+            log, '--motion=ptp', '--state-period=0.02', f'--start={start}', ports=ports
         )
+
+    def restart(self, name: str) -> None:
+        """Start a controller again, after it was killed, on the same ports."""
+        self.controllers[name] = self._start_controller(name, self.ports[name])
 
     def ready(self) -> 'Fleet':
         for peer in self.peers.values():
