@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
-from epson_driver.driver.io.message_io import MotomanIo, ServerIo
+from epson_driver.driver.io.message_io import MotomanIo, RealTimeIo, ServerIo
 from epson_driver.driver.io.points import (
     GROUPS,
     WORD_GROUPS,
@@ -26,7 +26,6 @@ from epson_driver.driver.io.points import (
     rejection,
     shown,
 )
-from epson_driver.driver.io.real_time_io import RealTimeIo
 from epson_driver.driver.tasks import Notification, run_task_group
 from epson_driver.link import Link
 from epson_driver.link.rtmc_link import RtmcLink

@@ -9,14 +9,14 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
-from epson_driver.rtmc.transport import TransportError
+from epson_driver.rtmc.transport import Arrival, Transport, TransportError
 from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.network.announcement import announce
 from epson_driver.sim_controller.network.pacer import Pacer
 from epson_driver.sim_controller.network.port_server import PortRules, PortServer, port_rules
-from epson_driver.sim_controller.network.rtmc_server import RtmcServer
 from epson_driver.sim_controller.network.tcp_connection import TcpConnection
+from epson_driver.sim_controller.rtmc.rtmc_port import RtmcPort
 from epson_driver.sim_controller.spel_host.program_network import PortObject, ProgramNetwork
 
 HOST = '127.0.0.1'
@@ -51,6 +51,26 @@ async def connect(session: PortObject, port: int, pacer: Pacer) -> None:
             session.closed()
         with suppress(OSError):
             await link.lost()
+
+
+class RtmcServer:
+    """Serves Real-time Motion Control. `open` and `close` run in the event loop."""
+
+    def __init__(self, pacer: Pacer, address: str, port: int) -> None:
+        """Listen on `port`. Raises TransportError if this is not possible."""
+        self._pacer = pacer
+        self._transport = Transport(address, port)
+        _log.info('real-time motion: UDP port %d of %s', port, address)
+        with pacer.present() as controller:
+            self._port = RtmcPort(controller, self._transport.write)
+        self._transport.listen(self._receive, pacer.fail)
+
+    def _receive(self, arrival: Arrival) -> None:
+        with self._pacer.present():
+            self._port.receive(arrival.sender, arrival.data)
+
+    async def close(self) -> None:
+        await self._transport.aclose()
 
 
 class Ports(NamedTuple):
