@@ -9,11 +9,12 @@ import asyncio
 import contextlib
 import sys
 import threading
-from collections.abc import Callable, Coroutine
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 import pytest
-from support.event_loop import accepted, now, run, until
+from support.event_loop import accepted, now, until
+from support.remote_peer import RemotePeer
 from support.ros_peer import PATIENCE
 
 from epson_driver.panel.sim_pendant import (
@@ -32,47 +33,32 @@ Take = Callable[[str], str | None]
 BAD = RemoteErrorNumber.BAD_COMMAND
 
 
-class Controller:
-    """A remote port. `take(command)` returns the answer, or None for no answer.
+class Controller(RemotePeer):
+    """A remote port announced as simulated. `take(command)` returns the answer, None for none.
 
     It disconnects if `take` raises ConnectionError.
     """
 
     def __init__(self, take: Take) -> None:
+        super().__init__()
         self._take = take
-        self.commands: list[str] = []
-        self._tasks: set[asyncio.Task[None]] = set()
 
     async def __aenter__(self) -> 'Controller':
-        self._server = await asyncio.start_server(self._accept, '127.0.0.1', 0)
-        self.port = self._server.sockets[0].getsockname()[1]
-        self._announcement = announce('127.0.0.1', self.port)
+        await super().__aenter__()
+        self.announcement = announce('127.0.0.1', self.port)
         return self
 
     async def __aexit__(self, *_: object) -> None:
         await accepted()
-        self._announcement.close()
-        self._server.close()
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self.announcement.close()
+        await super().__aexit__()
 
-    def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._tasks.add(asyncio.create_task(self._serve(reader, writer)))
+    @property
+    def commands(self) -> list[str]:
+        return [line.removeprefix('$') for line in self.lines]
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(ConnectionError):
-            while line := (await reader.readline()).decode().strip():
-                command = line.removeprefix('$')
-                self.commands.append(command)
-                answer = self._take(command)
-                if answer is not None:
-                    writer.write(f'{answer}\r\n'.encode())
-        writer.close()
-
-    def withdraw(self) -> None:
-        """Stop announcing the port as simulated."""
-        self._announcement.close()
+    async def answer(self, line: str) -> str | None:
+        return self._take(line.removeprefix('$'))
 
     def count(self, command: str) -> int:
         """Return how many times a command was received."""
@@ -101,37 +87,28 @@ def simulated(special: dict[str, Any] | None = None) -> Take:
     return take
 
 
-class Results:
-    """Collects the results of commands."""
-
-    def __init__(self) -> None:
-        self.all: list[tuple[str, bool]] = []
+class Results(list[tuple[str, bool]]):
+    """The results of commands."""
 
     def __call__(self, why: str, done: bool) -> None:
-        self.all.append((why, done))
+        self.append((why, done))
 
 
-def play(
-    take: Take, scene: Callable[[SimPendant, Controller, Results], Coroutine[Any, Any, None]]
-) -> None:
-    """Play a scene with a pendant at a controller."""
-
-    async def scenario() -> None:
-        async with Controller(take) as controller:
-            loop = asyncio.get_running_loop()
-            pendant = SimPendant(loop, '127.0.0.1', controller.port, now)
-            await asyncio.sleep(0)
-            task = pendant._task
-            assert task is not None
-            await scene(pendant, controller, Results())
-            pendant.end()
-            await asyncio.wait([task])
-
-    run(scenario())
+@contextlib.asynccontextmanager
+async def played(take: Take) -> AsyncIterator[tuple[SimPendant, Controller, Results]]:
+    """Run a pendant at a controller."""
+    async with Controller(take) as controller:
+        pendant = SimPendant(asyncio.get_running_loop(), '127.0.0.1', controller.port, now)
+        await asyncio.sleep(0)
+        task = pendant._task
+        assert task is not None
+        yield pendant, controller, Results()
+        pendant.end()
+        await asyncio.wait([task])
 
 
-def test_condition_is_polled_and_a_press_is_done() -> None:
-    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
+async def test_condition_is_polled_and_a_press_is_done() -> None:
+    async with played(simulated()) as (pendant, controller, results):
         await until(lambda: controller.count('Sim,condition') > 3)
         assert pendant.latest is not None
         simulation, at = pendant.latest
@@ -139,34 +116,34 @@ def test_condition_is_polled_and_a_press_is_done() -> None:
         assert simulation.faults == ('cut', 'late')
         assert now() - at < 1.0
         pendant.press(Action(('Sim,estop,press',)), results)
-        await until(lambda: results.all)
-        assert results.all == [('', True)]
+        await until(lambda: results)
+        assert results == [('', True)]
         assert controller.count('Sim,joints') == 1
-
-    play(simulated(), scene)
 
 
 @pytest.mark.invariant(1)
-def test_real_controller_is_queried_only_once() -> None:
+async def test_real_controller_is_queried_only_once() -> None:
     """It serves one remote client, which should be the driver."""
 
-    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
+    async with played(simulated({'Sim,condition': f'!Sim,{BAD.value}'})) as (
+        pendant,
+        controller,
+        results,
+    ):
         await until(lambda: pendant.real)
         await asyncio.sleep(30.0)
         assert controller.commands == ['Sim,joints', 'Sim,condition']
         with pytest.raises(NotSimulatedError, match='no reply from a simulated controller'):
             pendant.press(Action(('SetMotorsOn,1',)), results)
 
-    play(simulated({'Sim,condition': f'!Sim,{BAD.value}'}), scene)
-
 
 @pytest.mark.invariant(1)
-def test_port_that_is_not_announced_gets_no_connection() -> None:
+async def test_port_that_is_not_announced_gets_no_connection() -> None:
     """It may lead to a real controller, whose only client is the driver."""
 
-    async def scene(pendant: SimPendant, controller: Controller, _results: Results) -> None:
+    async with played(simulated()) as (pendant, controller, _results):
         await until(lambda: pendant.latest)
-        controller.withdraw()
+        controller.announcement.close()
         await asyncio.sleep(1.0)
         known = SimPendant(asyncio.get_running_loop(), '127.0.0.1', controller.port, now)
         await asyncio.sleep(10.0)
@@ -174,37 +151,31 @@ def test_port_that_is_not_announced_gets_no_connection() -> None:
         assert (known.latest, known.real) == (None, False)
         known.end()
 
-    play(simulated(), scene)
 
-
-def test_press_that_needs_a_login_gets_its_own_connection() -> None:
-    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
+async def test_press_that_needs_a_login_gets_its_own_connection() -> None:
+    async with played(simulated({'Pause': '#Pause,0'})) as (pendant, controller, results):
         await until(lambda: pendant.latest)
         pendant.press(Action(('Pause',)), results)
-        await until(lambda: results.all)
-        assert results.all == [('', True)]
+        await until(lambda: results)
+        assert results == [('', True)]
         start = controller.commands.index('Login,')
         assert controller.commands[start : start + 3] == ['Login,', 'Pause', 'Logout']
         assert controller.count('Sim,joints') == 1
 
-    play(simulated({'Pause': '#Pause,0'}), scene)
 
+async def test_press_that_needs_a_login_is_refused_by_a_controller_with_one_client() -> None:
+    def disconnect() -> None:
+        raise ConnectionError
 
-def test_press_that_needs_a_login_is_refused_by_a_controller_with_one_client() -> None:
-    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
+    async with played(simulated({'Login,': disconnect})) as (pendant, controller, results):
         await until(lambda: pendant.latest)
         pendant.press(Action(('Pause',)), results)
-        await until(lambda: results.all)
-        assert results.all == [(ONE_CLIENT, False)]
+        await until(lambda: results)
+        assert results == [(ONE_CLIENT, False)]
         assert controller.count('Login,') == 1
         polls = controller.count('Sim,condition')
         await until(lambda: controller.count('Sim,condition') > polls)
         assert controller.count('Sim,joints') == 1  # the session continues
-
-    def disconnect() -> None:
-        raise ConnectionError
-
-    play(simulated({'Login,': disconnect}), scene)
 
 
 @pytest.mark.invariant(1)
@@ -212,14 +183,12 @@ def test_press_that_needs_a_login_is_refused_by_a_controller_with_one_client() -
     'answer', ['!Sim,99', '#Sim,what?', ConnectionError, None],
     ids=['another error', 'no condition', 'disconnects', 'silent'],
 )  # fmt: skip
-def test_controller_without_condition_is_not_simulated_and_polled_again(answer: Any) -> None:
-    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
+async def test_controller_without_condition_is_not_simulated_and_polled_again(answer: Any) -> None:
+    async with played(simulated({'Sim,condition': answer})) as (pendant, controller, results):
         await until(lambda: controller.count('Sim,condition') > 2)
         assert (pendant.latest, pendant.real) == (None, False)
         with pytest.raises(NotSimulatedError):
             pendant.press(Action(('Sim,estop,press',)), results)
-
-    play(simulated({'Sim,condition': answer}), scene)
 
 
 @pytest.mark.parametrize(
@@ -230,30 +199,32 @@ def test_controller_without_condition_is_not_simulated_and_polled_again(answer: 
         (f'!Sim,{BAD.value}', 'Sim,estop,press: '),
     ],
 )
-def test_refused_press_returns_the_reason(why: str, message: str) -> None:
-    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
+async def test_refused_press_returns_the_reason(why: str, message: str) -> None:
+    async with played(simulated({'Sim,estop,press': '!Sim,20', 'Sim,why': why})) as (
+        pendant,
+        controller,
+        results,
+    ):
         await until(lambda: pendant.latest)
         pendant.press(Action(('Sim,estop,press',)), results)
-        await until(lambda: results.all)
-        ((text, done),) = results.all
+        await until(lambda: results)
+        ((text, done),) = results
         assert not done
         assert text.startswith(message)
         await until(lambda: controller.count('Sim,condition') > 3)
         assert controller.count('Sim,joints') == 1  # the session continues
 
-    play(simulated({'Sim,estop,press': '!Sim,20', 'Sim,why': why}), scene)
-
 
 @pytest.mark.parametrize('answer', [ConnectionError, None], ids=['disconnects', 'silent'])
-def test_unanswered_press_and_pending_presses_fail(answer: Any) -> None:
-    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
+async def test_unanswered_press_and_pending_presses_fail(answer: Any) -> None:
+    async with played(simulated({'Sim,estop,press': answer})) as (pendant, controller, results):
         await until(lambda: pendant.latest)
         pendant.press(Action(('Sim,estop,press',)), results)
         pendant.press(Action(('Reset',)), results)
         start = now()
-        await until(lambda: len(results.all) == 2)
+        await until(lambda: len(results) == 2)
         assert now() - start < ANSWER_TIMEOUT_S + 1.0
-        assert results.all == [
+        assert results == [
             ('Sim,estop,press: no reply from the controller', False),
             ('Reset: no reply from a simulated controller', False),
         ]
@@ -261,22 +232,11 @@ def test_unanswered_press_and_pending_presses_fail(answer: Any) -> None:
         await until(lambda: pendant.latest)  # reconnected
         assert controller.count('Reset') == 0
 
-    play(simulated({'Sim,estop,press': answer}), scene)
-
 
 @pytest.mark.invariant(4)
-def test_press_during_a_disconnect_is_not_repeated_after_it() -> None:
+async def test_press_during_a_disconnect_is_not_repeated_after_it() -> None:
     """A queued command of the old session would switch the motors on seconds after the click."""
     disconnected = []
-
-    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
-        await until(lambda: disconnected)
-        await asyncio.sleep(0.1)
-        late = Action(('SetMotorsOn,1',))  # pending from another thread
-        pendant._commands.put_nowait((late, results))
-        await until(lambda: controller.count('Sim,joints') == 2 and pendant.latest)
-        assert results.all == [('SetMotorsOn,1: no reply from a simulated controller', False)]
-        assert controller.count('SetMotorsOn,1') == 0
 
     def once() -> str:
         if not disconnected:
@@ -284,39 +244,42 @@ def test_press_during_a_disconnect_is_not_repeated_after_it() -> None:
             raise ConnectionError
         return '#Sim,'
 
-    play(simulated({'Sim,fault,list': once}), scene)
+    async with played(simulated({'Sim,fault,list': once})) as (pendant, controller, results):
+        await until(lambda: disconnected)
+        await asyncio.sleep(0.1)
+        late = Action(('SetMotorsOn,1',))  # pending from another thread
+        pendant._commands.put_nowait((late, results))
+        await until(lambda: controller.count('Sim,joints') == 2 and pendant.latest)
+        assert results == [('SetMotorsOn,1: no reply from a simulated controller', False)]
+        assert controller.count('SetMotorsOn,1') == 0
 
 
 @pytest.mark.invariant(7)
-def test_text_of_two_commands_is_not_sent_and_the_session_continues() -> None:
-    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
+async def test_text_of_two_commands_is_not_sent_and_the_session_continues() -> None:
+    async with played(simulated()) as (pendant, controller, results):
         await until(lambda: pendant.latest)
         pendant.press(Action(('Sim,fault,a\r\n$SetMotorsOn,1',)), results)
-        await until(lambda: results.all)
-        assert 'must be one command' in results.all[0][0]
+        await until(lambda: results)
+        assert 'must be one command' in results[0][0]
         await until(lambda: controller.count('Sim,condition') > 3)
         assert controller.count('Sim,joints') == 1
 
-    play(simulated(), scene)
-
 
 @pytest.mark.invariant(9)
-def test_failed_pendant_is_reported_immediately() -> None:
+async def test_failed_pendant_is_reported_immediately() -> None:
     """asyncio reports a failed task only when it is deleted."""
     reported: list[Any] = []
 
     def fails(_why: str, _done: bool) -> None:
         raise ZeroDivisionError('made for this test')
 
-    async def scene(pendant: SimPendant, _controller: Controller, _results: Results) -> None:
+    async with played(simulated()) as (pendant, _controller, _results):
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(lambda _, context: reported.append(context['exception']))
         await until(lambda: pendant.latest)
         pendant.press(Action(('Sim,estop,press',)), fails)
         await until(lambda: reported)
         assert isinstance(reported[0], ZeroDivisionError)
-
-    play(simulated(), scene)
 
 
 @pytest.mark.invariant(9)

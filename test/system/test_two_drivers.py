@@ -36,12 +36,11 @@ def is_enabled(answers: Answers) -> bool:
 def test_inv10_second_driver_of_a_name_stops_both_and_no_other(tmp_path: Path) -> None:
     fleet = Fleet(tmp_path, together=False, names=('left', 'right')).enabled()
     left, right = fleet.peers.values()
-    far = [1.0, *[0.0] * 5]
-    aborted = left.goal(trajectory((LASTS, far)))
-    undisturbed = right.goal(trajectory((10.0, far)))
-    left.wait_for_motion()
     other = processes.sim_controller(tmp_path / 'other.log', '--motion=ptp')
     ports = {'left': other.ports()}
+    aborted = left.goal(trajectory((2.5 * LASTS, [2.6, *[0.0] * 5])))
+    undisturbed = right.goal(trajectory((10.0, [1.0, *[0.0] * 5])))
+    left.wait_for_motion()
 
     def start_second() -> processes.Process:
         log = tmp_path / 'second.log'
@@ -70,7 +69,7 @@ def test_inv10_second_driver_of_a_name_stops_both_and_no_other(tmp_path: Path) -
             'the cause in /diagnostics',
         )
         both[1].end()
-        assert left.assert_still()[0] < 0.9
+        assert left.assert_still()[0] < 2.5
         enable_until(left, is_enabled)
         assert undisturbed.result()[0] == 'succeeded'
     finally:
