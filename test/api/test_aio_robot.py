@@ -80,7 +80,7 @@ async def test_move_to_the_current_position_succeeds():
         assert (await robot.move_joints(robot.joints)).text.startswith('at the goal')
 
 
-async def test_pose_follows_from_the_measured_joints():
+async def test_pose_is_computed_from_the_measured_joints():
     async with robot_cell(enabled=False) as (robot, _):
         assert np.allclose(robot.pose @ np.linalg.inv(robot.pose), np.eye(4))
         assert robot.pose.shape == (4, 4)

@@ -41,7 +41,7 @@ def _bent(model: RobotModel) -> Array:
 
 
 @pytest.mark.parametrize('name', one_in(5, robot_models()))
-def test_spel_and_kinematics_agree_on_the_point_at_zero(name: str) -> None:
+def test_spel_program_and_python_compute_the_same_pose_at_zero(name: str) -> None:
     model = load_robot_model(name)
     zero = np.zeros(len(model.joint_names))
     controller = new_controller(model, load_controller_profile('rc700a'), zero)

@@ -208,7 +208,7 @@ def test_lines_near_singularities_are_rejected_or_respect_all_limits(model, coun
 
 
 @pytest.mark.slow
-def test_many_short_moves_leave_memory_tasks_and_threads_flat():
+def test_many_short_moves_do_not_add_memory_tasks_or_threads():
     """100 moves, alternating joint and tool moves."""
     model = 'gx4_c251s'
 

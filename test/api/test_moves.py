@@ -37,7 +37,7 @@ def test_invalid_target_is_rejected_with_joint_value_and_limit(target, expected)
         moves.targets('target', [target], LIMITS)
 
 
-def test_plausible_degrees_are_recognised():
+def test_joint_values_in_degrees_are_rejected_with_a_hint():
     with pytest.raises(ValueError, match='these look like degrees'):
         moves.targets('target', [[10.0, 20.0, -10.0, 0.0, 45.0, 0.0]], LIMITS)
     with pytest.raises(ValueError, match='these look like degrees'):
@@ -47,7 +47,7 @@ def test_plausible_degrees_are_recognised():
     assert 'degrees' not in str(caught.value)
 
 
-def test_plausible_millimetres_are_recognised():
+def test_joint_values_in_millimetres_are_rejected_with_a_hint():
     limits = load_robot_model('t6_602s').limits
     with pytest.raises(
         ValueError, match=r'joint_3: position -50 m .*; these look like millimetres'

@@ -126,7 +126,7 @@ PLACES = st.builds(EpsonPoint, *[st.floats(-1e4, 1e4)] * 6)
 
 
 @given(st.dictionaries(NAMES.map(str.lower), PLACES, max_size=5))
-def test_yaml_file_round_trip(tmp_path_factory, places):
+def test_points_survive_a_round_trip_through_a_yaml_file(tmp_path_factory, places):
     file = tmp_path_factory.mktemp('points') / 'points.yaml'
     first, second = aio.Robot(), aio.Robot()
     for name, place in places.items():

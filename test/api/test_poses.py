@@ -114,7 +114,7 @@ def pose_at(x, y, z=0.5):
     return homogeneous(np.eye(3), np.array([x, y, z]))
 
 
-def test_waypoints_are_poses_or_set_via_blend_and_frame():
+def test_path_accepts_poses_and_waypoints_with_via_blend_and_frame():
     points = [
         pose_at(0.4, 0.1),
         Waypoint(pose_at(0.3, 0.1), via=[0.35, 0.15, 0.5], blend=0.0),
@@ -165,7 +165,7 @@ def with_noise(pose, random):
     return moved
 
 
-def test_repeated_noisy_points_count_once_with_the_smallest_blend():
+def test_nearly_equal_points_merge_to_one_with_the_smallest_blend():
     first, second = pose_at(0.4, 0.1), pose_at(0.5, 0.1)
     random = np.random.default_rng(31)
     for _ in range(20):

@@ -92,7 +92,7 @@ async def test_line_that_turns_the_tool_keeps_the_tip_in_place():
         assert np.ptp(places, axis=0).max() > 0.1
 
 
-async def test_power_is_low_and_the_requested_speed_is_set():
+async def test_move_keeps_low_power_and_sets_the_requested_speed():
     async with remote_cell() as (robot, controller):
         await robot.move_joints(START, speed=0.07, acceleration=0.3)
         assert controller.condition.power.value == 'low'
@@ -284,7 +284,7 @@ REFUSED = {
 
 @pytest.mark.parametrize('case', REFUSED)
 @pytest.mark.invariant(1)
-async def test_plans_of_points_are_rejected(case):
+async def test_remote_controller_rejects_trajectories_of_several_points(case):
     async with remote_cell() as (robot, controller):
         await robot.move_joints(START)
         with (

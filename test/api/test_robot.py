@@ -347,6 +347,6 @@ def test_signatures_fit_into_a_few_lines_of_help(kind):
         assert len(signature) < 450
 
 
-def test_unknown_name_of_the_package_raises():
+def test_access_to_an_unknown_name_of_the_package_raises():
     with pytest.raises(AttributeError, match='Robots'):
         _ = epson_driver.Robots

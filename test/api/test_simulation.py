@@ -16,7 +16,7 @@ def _timeout(monkeypatch):
     be_patient(monkeypatch.setattr)
 
 
-def test_buttons_inputs_and_faults_act_and_callbacks_run():
+def test_simulated_buttons_inputs_and_faults_act_and_trigger_callbacks():
     pressed, links = [], []
     with Robot.simulated(settings=Settings(gripper=WIRING)) as robot:
         robot.on_estop(pressed.append)

@@ -54,7 +54,7 @@ async def at_rest(robot):
 @pytest.mark.invariant(2)
 @pytest.mark.slow
 @pytest.mark.parametrize('rate', [30.0, 15.0, 500.0])
-async def test_positions_at_any_rate_are_followed_to_the_last(rate):
+async def test_setpoints_at_any_rate_are_followed_to_the_last_one(rate):
     async with robot_cell(smooth=True) as (robot, _):
         seen = []
         robot.on_joints(seen.append)
@@ -70,7 +70,7 @@ async def test_positions_at_any_rate_are_followed_to_the_last(rate):
 
 @pytest.mark.invariant(2)
 @pytest.mark.slow
-async def test_policy_at_30_hz_is_followed_within_all_limits(monkeypatch):
+async def test_setpoints_of_a_30_hz_policy_are_followed_within_limits(monkeypatch):
     """Limits are checked on the executed polynomials, which miss no peak between samples."""
     trackers = []
 
@@ -108,7 +108,7 @@ async def test_policy_at_30_hz_is_followed_within_all_limits(monkeypatch):
     assert max(item.acceleration_jump for item in result) < 1e-9
 
 
-async def test_velocities_are_followed_and_the_arm_stops_at_their_end():
+async def test_arm_follows_a_velocity_stream_and_stops_at_its_end():
     async with robot_cell(smooth=True) as (robot, _):
         velocity = [0.2, 0, 0, 0, 0, 0]
         await streamed(lambda _: robot.servo_velocity(velocity), 2.0)
@@ -118,7 +118,7 @@ async def test_velocities_are_followed_and_the_arm_stops_at_their_end():
 
 
 @pytest.mark.parametrize('frame', one_in(2, ['tool', 'base_link']))
-async def test_tool_velocity_moves_the_tool_on_a_line_of_its_frame(frame):
+async def test_constant_tool_velocity_moves_the_tool_on_a_straight_line(frame):
     async with robot_cell(smooth=True) as (robot, _):
         await robot.move_joints(BENT)
         before = robot.tool_pose
@@ -132,7 +132,7 @@ async def test_tool_velocity_moves_the_tool_on_a_line_of_its_frame(frame):
         assert robot.tool_pose[:3, :3] == pytest.approx(before[:3, :3], abs=5e-3)
 
 
-async def test_poses_are_followed_and_a_jump_is_rejected():
+async def test_pose_setpoints_are_followed_and_a_jump_is_rejected():
     async with robot_cell(smooth=True) as (robot, _):
         await robot.move_joints(BENT)
         start = robot.tool_pose

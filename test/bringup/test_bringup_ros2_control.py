@@ -50,7 +50,7 @@ def block(model: str, prefix: str = '', namespace: str = '') -> ElementTree.Elem
 
 @pytest.mark.parametrize('model', ['c3_a601s', 'gx4_c251s'])
 @pytest.mark.parametrize('prefix', ['', 'left_'])
-def test_block_has_every_moving_joint_of_the_urdf(model: str, prefix: str) -> None:
+def test_ros2_control_block_has_every_moving_joint_of_the_urdf(model: str, prefix: str) -> None:
     """The controller manager refuses a block with an unknown joint."""
     text = robot_description(model, prefix, **ros2_control_arguments(''))
     root = ElementTree.fromstring(text)
@@ -61,7 +61,7 @@ def test_block_has_every_moving_joint_of_the_urdf(model: str, prefix: str) -> No
     assert (result.get('name'), result.get('type')) == (f'{prefix}epson', 'system')
 
 
-def test_plugin_and_parameters_exist() -> None:
+def test_ros2_control_block_has_plugin_and_topics() -> None:
     hardware = block('c3_a601s').find('hardware')
     assert hardware is not None
     plugin = 'joint_state_topic_hardware_interface/JointStateTopicSystem'
@@ -73,7 +73,7 @@ def test_plugin_and_parameters_exist() -> None:
     }
 
 
-def test_interfaces_match_the_joint_topics() -> None:
+def test_ros2_control_interfaces_are_position_and_velocity() -> None:
     for joint in block('c3_a601s').findall('joint'):
         for kind in ('command_interface', 'state_interface'):
             assert [item.get('name') for item in joint.findall(kind)] == ['position', 'velocity']

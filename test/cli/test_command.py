@@ -150,7 +150,7 @@ def test_exit_code_is_correct_with_closed_streams(words: list[str], code: int) -
     assert run.returncode == code
 
 
-def test_output_of_a_worker_is_not_in_its_answer() -> None:
+def test_output_of_a_worker_is_kept_out_of_its_answer_file() -> None:
     answer = subprocess.run(
         [*WITHOUT_STDERR, *safe_python(), '-c', WORKER],
         stdin=subprocess.DEVNULL,

@@ -163,7 +163,7 @@ def test_connect_without_an_address_explains_how_to_find_it(monkeypatch, capsys)
     assert 'epson_driver connect ADDRESS' in error
 
 
-def test_simulation_of_a_robot_file_and_explicit_options(file, monkeypatch, capsys):
+def test_sim_controller_takes_a_robot_file_that_options_override(file, monkeypatch, capsys):
     from epson_driver.cli.arguments import parsed
     from epson_driver.cli.sim_controller import _parser
 
@@ -236,7 +236,9 @@ def test_python_arguments_override_the_file(file):
         ('/**: [\n', 'not YAML'),
     ],
 )
-def test_wrong_file_is_one_sentence_with_file_and_rule(tmp_path, capsys, text, message):
+def test_invalid_robot_file_is_reported_in_one_sentence_with_the_rule(
+    tmp_path, capsys, text, message
+):
     path = tmp_path / 'robot.yaml'
     path.write_text(text)
     assert is_robot_file(str(path))

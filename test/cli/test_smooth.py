@@ -51,7 +51,7 @@ def without_times(tmp_path):
 
 
 @pytest.mark.slow
-def test_free_path_is_faster_than_the_spline(run, tmp_path):
+def test_time_optimal_motion_is_slower_with_keep_spline(run, tmp_path):
     motions = {}
     for name, more in (('fast', []), ('spline', ['--keep-spline'])):
         output = tmp_path / f'{name}.yaml'

@@ -89,7 +89,7 @@ def test_late_joint_state_does_not_count_as_a_stop():
     assert measure(plan(WAYPOINTS), recording(positions)).stops == 0
 
 
-def test_planned_and_measured_times_are_found():
+def test_planned_and_measured_durations_of_a_run_are_found():
     figures = measure(plan(WAYPOINTS), through())
     assert figures.planned == 4.0
     assert figures.moved == pytest.approx(4.0, abs=0.5)  # its ends are slower than the threshold
@@ -118,7 +118,7 @@ def test_rate_and_longest_gap_are_measured():
 
 
 @pytest.mark.parametrize('deviation', [0.005, 0.03, 0.1])
-def test_missed_waypoint_has_its_deviation(deviation):
+def test_deviation_at_a_missed_waypoint_is_measured(deviation):
     shifted = [WAYPOINTS[0], WAYPOINTS[1], (1.0, 0.4 + deviation), *WAYPOINTS[3:]]
     figures = measure(plan(shifted), ptp())
     # the nearest place on the line: joint a gives as much as joint b is missing
@@ -126,7 +126,7 @@ def test_missed_waypoint_has_its_deviation(deviation):
     assert (figures.waypoint_deviation <= MAX_DEVIATION_RAD) == (deviation < 0.02)
 
 
-def test_crossing_path_is_matched_in_order():
+def test_waypoints_of_a_self_crossing_path_are_matched_in_order():
     back_and_forth = [(0.0, 0.0), (1.0, 0.0), (0.0, 0.0), (1.0, 0.0)]
     positions = still((0.0, 0.0), 0.2)
     for start, end in pairwise(back_and_forth):

@@ -60,7 +60,7 @@ def test_controller_without_remote_ethernet_is_identified_by_its_messages(profil
     assert found[Level.NOTE].remedy == 'give it: --robot MODEL'
 
 
-def test_unknown_model_is_not_taken_over(monkeypatch):
+def test_model_unknown_to_this_package_is_not_used(monkeypatch):
     monkeypatch.setattr('epson_driver.doctor.look.model_name', _unknown)
     look = looked('remote', real=True, monkeypatch=monkeypatch)
     assert look.model == ''
@@ -86,7 +86,7 @@ def test_inv1_only_remote_and_state_ports_are_opened(opened):
     ],
     ids=['password', 'silent', 'closed'],
 )
-def test_controller_that_cannot_be_identified_is_wrong(talk, text, remedy):
+def test_unidentifiable_controller_is_reported_as_wrong(talk, text, remedy):
     result = []
 
     async def scenario():
@@ -141,7 +141,9 @@ def test_other_client_of_the_remote_port_is_named():
         (TransportError('build epson_rtmc'), '', Level.NOTE, 'not looked for'),
     ],
 )
-def test_real_time_motion_is_discovered_or_not(monkeypatch, found, profile, level, text):
+def test_real_time_motion_is_reported_only_if_it_is_discovered(
+    monkeypatch, found, profile, level, text
+):
     async def is_there(_host, _port):
         if isinstance(found, Exception):
             raise found

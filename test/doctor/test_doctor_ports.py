@@ -169,7 +169,7 @@ def test_period_is_correct_on_a_busy_machine(seed):
 
 
 @pytest.mark.parametrize('seed', one_in(5, range(5)))
-def test_profile_fits_on_a_busy_machine(monkeypatch, seed):
+def test_period_of_the_profile_fits_despite_bursts_on_a_busy_machine(monkeypatch, seed):
     """The estimated period must not be halved by bursts."""
     draw = random.Random(seed)
     take = listening.Conversation._take

@@ -74,7 +74,7 @@ def test_a_point_and_an_io_label_change_in_all_files_with_their_headers(tmp_path
         ('P3', 'pick2', 'is the number of a point'),
     ],
 )
-def test_a_name_that_is_not_possible_is_refused(tmp_path: Path, old, new, text) -> None:
+def test_rename_to_an_invalid_name_is_refused(tmp_path: Path, old, new, text) -> None:
     project = Project(written(tmp_path))
     symbol = project.symbols.names[old.lower()][0]
     if text:
@@ -100,7 +100,7 @@ def test_files_outside_of_the_workspace_belong_to_no_project(tmp_path: Path) -> 
     assert list(project.texts) == ['own.prg']
 
 
-def test_a_program_that_the_project_does_not_list_is_its_own(tmp_path: Path) -> None:
+def test_program_that_no_project_lists_is_a_separate_project(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').write_text('Function main\nFend\n')
     (tmp_path / 'old.prg').write_text('Function main\nFend\n')
     program = Block('ProgramFile1', [('sName', '"main.prg"')])
@@ -114,7 +114,7 @@ def test_a_program_that_the_project_does_not_list_is_its_own(tmp_path: Path) -> 
     assert 'main.prg' not in old.texts
 
 
-def test_open_text_counts_until_it_is_closed(tmp_path: Path) -> None:
+def test_text_open_in_the_editor_replaces_the_file_until_closed(tmp_path: Path) -> None:
     project = Project(written(tmp_path))
     project.set('main.prg', 'Function other\nFend\n')
     assert [item.name for item in project.symbols.files['main.prg'].symbols] == ['other']

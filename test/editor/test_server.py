@@ -220,5 +220,5 @@ def test_without_the_extra_one_sentence_says_how_to_install_it(module: str) -> N
     assert (result.returncode, result.stderr) == (1, f'epson_driver spel: {text}\n')
 
 
-def test_the_grammar_of_vs_code_has_the_words_of_today() -> None:
+def test_vs_code_grammar_has_every_word_of_the_table() -> None:
     assert TARGET.read_text() == grammar(), 'python -m generate.grammar'

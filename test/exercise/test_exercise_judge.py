@@ -39,7 +39,7 @@ USUAL = Observed('no fault', 0, 5.0, 'there', 1, np.array([1.0, 0.0]))
         ({'moved_after_stop': True, 'trajectories': 9}, Verdict.MOVED_AFTER_ESTOP, 'moved'),
     ],
 )
-def test_behaviour_has_its_verdict(changes, verdict, why):
+def test_each_behaviour_of_the_program_has_its_verdict(changes, verdict, why):
     result = judge(replace(USUAL, **changes), USUAL)
     assert result.verdict is verdict
     assert why in result.why

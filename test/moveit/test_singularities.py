@@ -28,7 +28,7 @@ def test_start_pose_is_far_from_singularities(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', ['c3_a601s', 'c8_c1401sr', 'gx8_c552s', 'rs6_c552s'])
-def test_condition_equals_the_numerical_condition(name: str) -> None:
+def test_jacobian_condition_equals_its_numerical_value(name: str) -> None:
     model = load_robot_model(name)
     arm, limits, step = Kinematics(model), model.limits, 1e-6
     for joints in np.random.default_rng(1).uniform(

@@ -31,7 +31,7 @@ def test_repeated_failure_is_logged_once(failures, caplog):
     assert record.getMessage() == 'a task failed: stopping all arms and the driver'
 
 
-def test_asyncio_warning_ends_nothing(failures, caplog):
+def test_asyncio_warning_does_not_end_the_process(failures, caplog):
     reporter, loop = failures
     reporter.in_loop(loop, {'message': 'socket.send() raised exception.'})
     assert not reporter.happened.is_set()

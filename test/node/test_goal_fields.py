@@ -286,7 +286,7 @@ CASES = [
     CASES,
     ids=[f'{row}-{index}' for index, (_, row, *_) in enumerate(CASES)],
 )
-def test_field_has_an_effect_or_an_error(goal, row, change, expected):
+def test_each_field_of_a_goal_has_an_effect_or_is_rejected(goal, row, change, expected):
     request = goal()
     change(request, row)
     check = GOALS[type(request)]

@@ -76,7 +76,7 @@ def test_enum_values_equal_industrial_msgs():
 @pytest.mark.parametrize(
     ('mode', 'expected'), [(-1, -1), (1, 1), (2, 2), (0, -1), (3, -1), (-2, -1), (2**31 - 1, -1)]
 )
-def test_unknown_modes_become_unknown(mode, expected):
+def test_undefined_mode_is_published_as_unknown(mode, expected):
     assert messages.robot_status(Status(mode=mode), STAMP).mode.val == expected
 
 

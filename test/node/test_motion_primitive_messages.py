@@ -47,7 +47,7 @@ def read(*motions):
     )
 
 
-def test_kinds_equal_the_constants_of_the_message():
+def test_kinds_of_primitives_equal_the_constants_of_the_message():
     for kind in Kind:
         assert getattr(MotionPrimitive, kind.name) == kind.value
     assert MotionPrimitive().type == MotionPrimitive.UNKNOWN == -1
@@ -139,7 +139,7 @@ def test_duplicate_argument_is_rejected():
         read(message)
 
 
-def test_codes_unknown_to_the_action_become_invalid_goal():
+def test_error_codes_unknown_to_the_action_become_invalid_goal():
     result = ExecuteMotionPrimitiveSequence.Result
     for code in ErrorCode:
         result_message = primitive_result(Outcome(End.ABORTED, code, 'why'))

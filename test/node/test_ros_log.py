@@ -31,13 +31,13 @@ def made():
 
 
 @pytest.mark.parametrize('severity', ['debug', 'info', 'warning', 'error'])
-def test_severity_is_preserved(made, severity):
+def test_ros_log_preserves_the_severity(made, severity):
     log, default = made
     getattr(log, severity)('text %d', 1)
     assert default.lines == [(severity, 'text 1')]
 
 
-def test_control_characters_are_escaped(made):
+def test_ros_log_escapes_control_characters(made):
     log, default = made
     log.warning('it errors %s', '\x1b[2J\x07\n[INFO] forged')
     assert default.lines == [('warning', r'it errors \x1b[2J\x07\n[INFO] forged')]

@@ -44,7 +44,7 @@ def since(clocks, stamp, moment):
     return (stamp.sec * 10**9 + stamp.nanosec - clocks.ahead - round(moment * 1e9)) * 1e-9
 
 
-def test_inv6_past_moment_has_a_past_stamp(clocks, stamps):
+def test_inv6_time_in_the_past_gets_a_stamp_in_the_past(clocks, stamps):
     """docs/invariants.md, 6."""
     assert since(clocks, stamps.stamp(clocks.time - 3.0), clocks.time - 3.0) == pytest.approx(
         0.0, abs=1e-5
@@ -59,7 +59,7 @@ def test_stamps_are_right_if_the_clock_readings_are_interrupted(clocks, stamps):
         assert abs(since(clocks, stamps.stamp(moment), moment)) < 1e-5
 
 
-def test_clock_drift_is_followed(clocks, stamps):
+def test_stamps_follow_the_drift_of_the_ros_clock(clocks, stamps):
     for _ in range(20000):
         clocks.time += 0.005
         clocks.ahead += 500  # ns: 100 ppm
@@ -69,7 +69,7 @@ def test_clock_drift_is_followed(clocks, stamps):
 
 
 @pytest.mark.parametrize('seconds', [3600, -3600])
-def test_clock_step_is_followed_immediately(clocks, stamps, seconds):
+def test_stamps_follow_a_step_of_the_ros_clock_immediately(clocks, stamps, seconds):
     stamps.stamp(clocks.time)
     clocks.ahead += seconds * 10**9
     clocks.time += 0.005
@@ -88,7 +88,7 @@ def test_late_sample_under_a_slow_or_paused_clock_is_not_stamped_back(clocks, st
 
 
 @pytest.mark.invariant(8)
-def test_stamps_increase(clocks, stamps):
+def test_successive_stamps_always_increase(clocks, stamps):
     last = -1
     for moment in (10.0, 10.0, 10.0, 9.99, 10.000001, 10.02, 10.02):
         stamp = stamps.stamp(5000.0 + moment)

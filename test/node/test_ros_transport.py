@@ -35,14 +35,16 @@ def changed(monkeypatch: pytest.MonkeyPatch, **variables: str) -> tuple[dict[str
 
 
 @pytest.mark.parametrize('discovery_range', ['SUBNET', 'SYSTEM_DEFAULT', 'OFF', ''])
-def test_transport_variable_alone_is_set_outside_localhost(
+def test_only_the_transport_variable_is_set_outside_localhost(
     discovery_range: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert changed(monkeypatch, **{RANGE: discovery_range}) == ({TRANSPORTS: 'UDPv4'}, '')
 
 
 @pytest.mark.parametrize('name', [*PROFILES, TRANSPORTS])
-def test_empty_variable_counts_as_unset(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_empty_transport_variable_counts_as_unset(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert changed(monkeypatch, **{RANGE: 'SUBNET', name: ''}) == ({TRANSPORTS: 'UDPv4'}, '')
 
 
@@ -66,7 +68,7 @@ def test_unresolvable_peer_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize('name', [*PROFILES, TRANSPORTS, 'a profile here', 'another middleware'])
-def test_user_s_configuration_takes_precedence(
+def test_user_s_fast_dds_configuration_takes_precedence(
     name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv(RANGE, 'LOCALHOST')

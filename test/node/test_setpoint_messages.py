@@ -49,7 +49,7 @@ def window(ends=0.1, points=20, names=NAMES, velocities=True, begin=NOW - 0.1):
     return message
 
 
-def test_window_keeps_future_points_and_the_one_before():
+def test_setpoint_window_keeps_future_points_and_the_last_past_one():
     setpoint = from_trajectory(window(points=21), NAMES, 'x', NOW)
     assert setpoint.mode is Mode.POSITION
     np.testing.assert_array_equal(setpoint.positions, VALUES)
@@ -85,7 +85,7 @@ def test_single_point_keeps_its_velocities(begin):
     np.testing.assert_array_equal(setpoint.velocities, VALUES)
 
 
-def test_velocities_alone_give_velocity_mode():
+def test_setpoint_with_velocities_only_is_a_velocity_setpoint():
     message = window(points=1)
     message.points[-1].positions = []
     setpoint = from_trajectory(message, NAMES, 'x', NOW)

@@ -72,7 +72,7 @@ def test_stop_in_the_past_is_rejected() -> None:
 
 
 @pytest.mark.invariant(9)
-def test_inv9_every_sample_and_point_can_be_cancelled() -> None:
+def test_inv9_planning_can_be_cancelled_at_every_sample_and_point() -> None:
     """docs/invariants.md, 9."""
     calls, cancelled = count(), False
 

@@ -35,7 +35,7 @@ def rejection(entry):
         ({'c': 0.0, 'a': -0.1}, [np.inf, 0.02, np.inf]),
     ],
 )
-def test_zero_means_default_and_negative_means_off(requested, expected):
+def test_zero_tolerance_means_default_and_negative_means_unchecked(requested, expected):
     assert tolerances(**requested).position.tolist() == expected
     assert DEFAULTS.tolist() == [0.01, 0.02, 0.0]  # unchanged for the next goal
 
@@ -60,5 +60,5 @@ def test_unknown_joint_is_rejected():
     assert "path_tolerance names the unknown joint 'x'" in text
 
 
-def test_no_tolerance_means_no_check():
+def test_goal_without_tolerances_and_defaults_is_not_checked():
     assert not tolerances_from_messages([], 'path_tolerance', NAMES, np.zeros(3)).checked

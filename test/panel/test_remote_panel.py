@@ -46,7 +46,9 @@ def shot(page: Page, name: str) -> None:
         page.page.screenshot(path=f'{PICTURES}/{name}.png')
 
 
-def test_step_point_and_start_are_single_motions(page: Page, cell: Cell) -> None:
+def test_step_and_move_to_a_point_or_to_the_start_are_one_motion_each(
+    page: Page, cell: Cell
+) -> None:
     page.armed()
     page.button('Enable').click()
     page.lamp('Enabled', 'good')
@@ -96,7 +98,9 @@ def test_unsupported_actions_are_disabled_with_the_reason(page: Page) -> None:
 
 
 @pytest.mark.invariant(1)
-def test_refusals_do_not_rely_on_the_page(page: Page, cell: Cell) -> None:
+def test_server_refuses_a_request_that_the_page_should_have_disabled(
+    page: Page, cell: Cell
+) -> None:
     page.armed()
     page.page.evaluate("""() => {
         for (const each of document.querySelectorAll('#execute')) each.disabled = false;

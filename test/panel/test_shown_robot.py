@@ -236,7 +236,9 @@ def test_closed_robot_closes_its_page_at_rest() -> None:
         robot.show()
 
 
-def test_show_names_what_is_missing(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_show_reports_an_invalid_port_a_used_port_and_a_missing_package(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     taken = int(robot.show().rstrip('/').rpartition(':')[2])
     robot._session.run(robot._awaited._connection.page.close)
     with pytest.raises(RobotError, match='port = 70000: must be'):

@@ -107,7 +107,7 @@ async def played(take: Take) -> AsyncIterator[tuple[SimPendant, Controller, Resu
         await asyncio.wait([task])
 
 
-async def test_condition_is_polled_and_a_press_is_done() -> None:
+async def test_pendant_polls_the_condition_and_performs_a_button_press() -> None:
     async with played(simulated()) as (pendant, controller, results):
         await until(lambda: controller.count('Sim,condition') > 3)
         assert pendant.latest is not None

@@ -64,7 +64,7 @@ def test_ready_robot_has_no_bad_lamp() -> None:
 
 
 @pytest.mark.invariant(6)
-def test_unreported_state_is_unknown() -> None:
+def test_unreported_state_gives_unknown_lamps() -> None:
     assert set(colours(RobotState()).values()) == {UNKNOWN}
     assert colours(state(Status()))['E-stop'] == UNKNOWN  # not shown as released
 
@@ -165,7 +165,7 @@ def test_advice_names_remedies_that_need_an_armed_window(
         ),
     ],
 )
-def test_condition_has_lamp_reason_and_remedy(
+def test_each_simulated_condition_has_a_lamp_a_reason_and_a_remedy(
     changes: dict[str, object], lamp: str, colour: str, reason: str, remedy: str
 ) -> None:
     result = state(**changes)  # type: ignore[arg-type]

@@ -386,7 +386,7 @@ LOCAL = Access(PORT, own_names(HERE))
     ],
 )
 @pytest.mark.parametrize('upgrade', [None, 'websocket', 'WebSocket'])
-def test_other_origin_is_rejected(origin: str, upgrade: str | None) -> None:
+def test_request_of_another_origin_is_rejected(origin: str, upgrade: str | None) -> None:
     result = rejection(LOCAL, origin=origin, upgrade=upgrade)
     assert result is not None
     assert 'is not the page of this panel' in result

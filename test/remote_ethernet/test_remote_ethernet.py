@@ -31,7 +31,7 @@ def ask(answer: bytes) -> None:
     run(scenario())
 
 
-def test_a_refusal_has_its_number():
+def test_refused_remote_command_has_its_error_number():
     with pytest.raises(RemoteError, match='error 16'):
         ask(b'!SetMotorsOn,16\r\n')
 

@@ -46,7 +46,7 @@ def bag(run, tmp_path_factory):
     return folder
 
 
-def test_types_equal_industrial_msgs():
+def test_message_types_in_the_bag_equal_industrial_msgs():
     for name, definition in INDUSTRIAL_MSGS.items():
         text = (
             ROOT / 'interfaces/industrial_msgs/msg' / f'{name.rpartition("/")[2]}.msg'

@@ -164,7 +164,7 @@ def test_page_of_a_minute_is_at_most_two_megabytes():
 
 
 @pytest.mark.slow
-def test_page_thins_a_long_run_and_contains_the_stride(tmp_path):
+def test_page_shows_a_subset_of_a_long_run_and_names_the_stride(tmp_path):
     count = MAX_SAMPLES * 5 // 2
     times = np.arange(count) * 0.005
     run = Run('long', 10**18, MODEL.joint_names, times, np.zeros((count, 6)), ended=187.0)

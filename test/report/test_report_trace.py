@@ -159,7 +159,7 @@ def test_damaged_trace_is_read_up_to_the_damage(tmp_path):
     assert 'the data after it is missing' in run.notes[0]
 
 
-def test_missing_packet_is_noted(tmp_path):
+def test_report_notes_a_missing_packet(tmp_path):
     whole, records, position = usual_run().content(), [], 24
     while position < len(whole):
         end = position + 16 + struct.unpack_from('<I', whole, position + 8)[0]

@@ -16,7 +16,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / 'epson_driver'
 
 
-def test_text_is_generated_once_for_equal_content(folder: Path) -> None:
+def test_cached_urdf_is_generated_once_for_equal_content(folder: Path) -> None:
     made = []
 
     def make() -> str:
@@ -29,7 +29,7 @@ def test_text_is_generated_once_for_equal_content(folder: Path) -> None:
 
 
 @pytest.mark.parametrize('damage', [b'', b'text', b'\xff\xfe', b'0' * 64 + b'\nother'])
-def test_damaged_file_is_generated_again(folder: Path, damage: bytes) -> None:
+def test_damaged_cache_file_is_generated_again(folder: Path, damage: bytes) -> None:
     assert cached([b'a'], lambda: 'first') == 'first'
     (file,) = folder.iterdir()
     file.write_bytes(damage)

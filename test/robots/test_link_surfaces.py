@@ -36,7 +36,9 @@ def is_closed(corners: Array) -> bool:
     ('corners', 'expected'),
     [(box(0.1, 0.2, 0.3), 0.006), (cylinder(0.1, 0.5), np.pi * 0.005), (box(1, 1, 1e-3), 1e-3)],
 )
-def test_solids_are_closed_and_have_their_size(corners: Array, expected: float) -> None:
+def test_solids_of_links_are_closed_and_have_the_given_size(
+    corners: Array, expected: float
+) -> None:
     assert is_closed(corners)
     assert volume(corners) == pytest.approx(expected, rel=0.03)
     middle = corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))

@@ -395,7 +395,7 @@ def test_file_that_is_no_mapping_is_refused(content: bytes, text: str, tmp_path:
 
 
 @pytest.mark.parametrize('name', robot_models())
-def test_model_matches_its_name_and_allows_zero(name: str) -> None:
+def test_model_matches_its_name_and_its_ranges_contain_zero(name: str) -> None:
     model = load_robot_model(name)
     limits = model.limits
     assert np.all(limits.position_min <= 0.0)

@@ -76,7 +76,7 @@ def test_taught_point_of_a_stretched_arm_is_reachable(name):
         np.testing.assert_allclose(arm.forward(result), arm.from_base(rounded), atol=1e-5)
 
 
-def test_folded_equal_arms_keep_joint_1():
+def test_folded_scara_with_equal_arms_keeps_joint_1():
     arm = Kinematics(RS4)
     folded = np.array([0.4, 0.0, -0.05, 0.2])  # at zero one arm is below the other
     result = arm.inverse(arm.forward(folded), folded)

@@ -50,7 +50,7 @@ def assert_limits(model: RobotModel, ranges: Array, speeds: Array) -> None:
     assert np.all(fraction >= SLOWER)
 
 
-def test_sheet_contains_every_other_model() -> None:
+def test_every_model_is_published_or_in_the_data_sheets() -> None:
     names = [name.lower().replace('-', '_') for name in (*PUBLISHED, *SCARAS, *SIX_AXES)]
     assert sorted(names) == list(robot_models())
 

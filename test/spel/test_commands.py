@@ -403,7 +403,7 @@ def test_statement_prints_its_result(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', SETTINGS)
-def test_setting_reaches_the_host(name: str) -> None:
+def test_setting_statement_reaches_the_host(name: str) -> None:
     host = run(f'Function main\n  {SETTINGS[name]}\nFend')
     assert [command[0] for command in host.commands] == [name]
     assert host.failures == []

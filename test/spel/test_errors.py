@@ -40,7 +40,7 @@ def test_error_in_a_handler_is_not_handled_by_it() -> None:
     assert (failure.number, failure.position.line) == (8002, 5)
 
 
-def test_handler_is_limited_to_its_call() -> None:
+def test_error_handler_handles_only_errors_of_its_own_call() -> None:
     source = """
     Function main
       OnErr GoTo failed

@@ -83,7 +83,7 @@ def test_our_controller_program_is_formatted(path) -> None:
     assert formatted(text) == text
 
 
-def test_tabs_and_widths_of_the_file_are_kept() -> None:
+def test_formatter_keeps_tabs_and_indentation_width() -> None:
     assert formatted('Function f\n\tDo\n Loop\nFend') == 'Function f\n\tDo\n\tLoop\nFend'
     assert formatted('Function f\n    Do\n a = 1\nLoop\nFend').split('\n')[2] == ' ' * 8 + 'a = 1'
 
@@ -95,7 +95,7 @@ def test_both_branches_of_an_ifdef_open_one_block() -> None:
     assert formatted(text) == text
 
 
-def test_trailing_blanks_go_and_carriage_returns_stay() -> None:
+def test_formatter_removes_trailing_blanks_but_no_carriage_returns() -> None:
     assert formatted('Function f  \r\n \t\r\nFend\r\n') == 'Function f\r\n\r\nFend\r\n'
 
 
@@ -106,7 +106,7 @@ def test_broken_programs_are_formatted_without_an_error(text) -> None:
     assert formatted(text).lower() == text.lower()
 
 
-def test_shift_jis_bytes_survive() -> None:
+def test_formatter_preserves_shift_jis_bytes() -> None:
     content = 'print "ソフト print" \' 表示 print'.encode('shift_jis')
     result = formatted(content.decode('latin-1')).encode('latin-1')
     assert decoded(result) == 'Print "ソフト print" \' 表示 print'

@@ -47,6 +47,6 @@ def facts():
 
 
 @pytest.mark.parametrize(('source', 'wanted'), list(facts()))
-def test_statement_of_the_manual_is_true(source: str, wanted: str) -> None:
+def test_interpreter_prints_the_result_in_the_manual(source: str, wanted: str) -> None:
     result = on_controller(source)
     assert (result.error, '|'.join(result.printed.splitlines())) == ('', wanted)

@@ -115,7 +115,7 @@ Fend
 """
 
 
-def test_check_names_the_lines_that_are_missing() -> None:
+def test_check_names_the_missing_lines_of_spel_yaml() -> None:
     problems = check({'main.prg': NEEDS}, settings=Settings())
     assert [(problem.position.line, problem.text.split(': ', 1)[1]) for problem in problems] == [
         (2, 'to run it, add `VRun: RESULT` under `stubs:` in spel.yaml'),

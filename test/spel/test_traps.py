@@ -92,7 +92,7 @@ def test_trap_without_a_target_is_disarmed() -> None:
     assert run(source).text == 'over\n'
 
 
-def test_armed_trap_makes_the_next_scan_an_event() -> None:
+def test_armed_trap_makes_the_next_scan_a_scheduled_event() -> None:
     source = """
     Function main
       Trap 1, Sw(1) = On Call sprung()
@@ -163,7 +163,7 @@ def test_trap_goto_ends_the_wait_and_the_calls() -> None:
     assert run(source).text == 'in trap 5 -1\n'
 
 
-def test_trap_goto_ends_with_its_function() -> None:
+def test_trap_goto_is_disarmed_when_its_function_ends() -> None:
     source = """
     Function main
       armed

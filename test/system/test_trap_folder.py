@@ -57,7 +57,7 @@ def ended(process: subprocess.Popen[str], *codes: int) -> str:
     return output
 
 
-def test_traps_record_an_import(tmp_path: Path) -> None:
+def test_trap_folder_records_an_import_of_its_modules(tmp_path: Path) -> None:
     made = trap_folder(tmp_path)
     ended(started(made, sys.executable, '-m', 'epson_driver.cli', '--help'), 1)
     assert sprung(made)

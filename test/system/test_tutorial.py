@@ -107,7 +107,7 @@ def terminal(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Terminal]:
 
 
 @pytest.mark.slow
-def test_tutorial_runs_to_the_letter(terminal: Terminal) -> None:
+def test_commands_of_the_tutorial_run_as_printed(terminal: Terminal) -> None:
     done = 0
     for title, commands in sections():
         if title[:2] in ('4.', '5.', '6.'):  # the page ends the processes there

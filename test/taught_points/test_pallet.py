@@ -18,7 +18,7 @@ CORNERS = [
 
 @pytest.mark.parametrize('corners', [3, 4])
 @pytest.mark.parametrize(('columns', 'rows'), [(4, 3), (1, 5), (5, 1), (1, 1)])
-def test_points_equal_those_of_spel(corners: int, columns: int, rows: int) -> None:
+def test_pallet_points_equal_the_points_of_spel(corners: int, columns: int, rows: int) -> None:
     used = CORNERS[:corners]
     opposite = used[3] if corners == 4 else None
     pallet = Pallet(used[0], used[1], used[2], columns, rows, opposite)

@@ -24,7 +24,7 @@ def flags(model, degrees):
 
 
 @pytest.mark.parametrize('model', ['c3_a601s', 'c4_a901s', 'c8_a701s', 'c12_c1401s', 'vt6_a901s'])
-def test_home_pose_has_the_usual_flags(model):
+def test_home_pose_has_the_usual_posture_flags(model):
     assert flags(model, DOWN) == '11100'
 
 
@@ -40,12 +40,12 @@ def test_home_pose_has_the_usual_flags(model):
         ([0, -60, 150, 0, -40, 0], '12100'),  # the elbow is below
     ],
 )
-def test_flags_change_at_singularities_and_half_turns(degrees, expected):
+def test_posture_flags_change_at_singularities_and_half_turns(degrees, expected):
     assert flags('c4_a601s', degrees) == expected
 
 
 @pytest.mark.parametrize('model', ['c4_a601s', 'vt6_a901s', 'c8_a1401s'])
-def test_solutions_of_a_pose_have_different_flags(model):
+def test_solutions_of_a_pose_have_different_posture_flags(model):
     arm = Kinematics(load_robot_model(model))
     limits, rng = arm.model.limits, np.random.default_rng(31)
     for _ in range(60):
