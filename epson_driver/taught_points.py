@@ -324,7 +324,7 @@ class TaughtPoints:
         self._changed = True
 
     def remove(self, name: str) -> None:
-        """Delete a point. Raises KeyError if it does not exist."""
+        """Delete a point. Raises KeyError if the name is unknown."""
         del self._points[self._existing(name).name.lower()]
         self._changed = True
 

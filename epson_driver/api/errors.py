@@ -89,7 +89,7 @@ def argument_errors() -> Iterator[None]:
 
 
 def checked_timeout(timeout: float | None) -> float | None:
-    """Return a valid timeout, s, or None for no timeout. Raises ArgumentError if it is invalid."""
+    """Return `timeout`, s (None: no timeout). Raises ArgumentError if the timeout is invalid."""
     with argument_errors():
         return None if timeout is None else float(TIMEOUT.checked(timeout, 'timeout'))
 

@@ -218,7 +218,7 @@ class Motions(Arm):
     ) -> Motion:
         """Move the tool along an arc through a point to a pose.
 
-        via: the point, x y z. It is in m and in the frame of the pose, even if the pose is an
+        via: the point, x y z, in m and in the frame of the pose, even if the pose is an
         EpsonPoint. `move_line` describes the other arguments and the exceptions.
         """
         tool = moves.tool_limits(

@@ -141,7 +141,7 @@ class PathPoint:
 def path_points(
     points: Sequence[Waypoint | Pose], blend: float, frame: str | None, frames: Frames
 ) -> list[PathPoint]:
-    """Return the checked points of a path. blend, frame: defaults for points without them."""
+    """Return the checked points of a path. blend, frame: values for points that set no others."""
     _BLEND.checked(blend, 'blend')
     if isinstance(points, str) or not isinstance(points, Sequence | np.ndarray):
         raise ValueError(f'points = {points!r}: must be a list of poses or Waypoints')

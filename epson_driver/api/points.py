@@ -29,7 +29,7 @@ class Points(Unique):
 
     @checked_arguments
     def __getitem__(self, name: str) -> EpsonPoint:
-        """Return a point. Raises an ArgumentError that is also a KeyError if it is unknown."""
+        """Return a point. Raises ArgumentError (also a KeyError) if the name is unknown."""
         return self._taught.get(name)
 
     @checked_arguments
@@ -39,7 +39,7 @@ class Points(Unique):
 
     @checked_arguments
     def __delitem__(self, name: str) -> None:
-        """Delete a point. Raises an ArgumentError that is also a KeyError if it is unknown."""
+        """Delete a point. Raises ArgumentError (also a KeyError) if the name is unknown."""
         self._taught.remove(name)
 
     def __iter__(self) -> Iterator[str]:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.driver.state.robot_state import JointSample
 
 LONGEST_S = 3600.0
-"""Maximum duration of a recording, s, because it is stored in memory."""
+"""Maximum duration of a recording, s, because recordings are stored in memory."""
 
 MAX_GAP_S = 0.5
 """Longest gap between samples, s. The path in a longer gap is unknown."""

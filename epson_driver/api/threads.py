@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.api.connection import Connection
 
 MAX_WAITING_CALLBACKS = 1000
-"""Maximum number of queued callbacks. More of them show that a callback does not return."""
+"""Maximum number of queued callbacks. A longer queue shows that a callback does not return."""
 
 T = TypeVar('T')
 
@@ -94,7 +94,7 @@ class LoopThread:
         return self.run(work)
 
     def leave(self, close: Callable[[], Coroutine[Any, Any, None]]) -> None:
-        """Schedule `close`, and then the end of the loop and its thread. Do not wait for them."""
+        """Schedule `close`, and then the end of the loop and its thread, without waiting."""
 
         async def leave() -> None:
             try:

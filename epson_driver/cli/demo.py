@@ -42,7 +42,7 @@ TRAJECTORY = share_path('config', 'trajectories', 'around_pillar_11_points.yaml'
 TRAJECTORY_OF_SCARAS = share_path('config', 'trajectories', 'scara_pick_and_place.yaml')
 
 NATIVE = 'simulated'
-"""Profile of the built-in program. --compare compares a SPEL+ program with it."""
+"""Profile of the built-in program, with which --compare compares a SPEL+ program."""
 
 
 def main() -> int:

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """`epson_driver smooth FILE`: smooths a planned trajectory offline, without a robot.
 
-The command writes the smooth trajectory in the same format. It also compares it, in a table and a
-plot, with the motion of a point-to-point controller and with a plain spline.
+The command writes the smooth trajectory in the same format. It also compares the smooth
+trajectory, in a table and a plot, with the motion of a point-to-point controller and with a plain
+spline.
 """
 
 import argparse

@@ -51,7 +51,7 @@ IO_KEYS = {
 
 
 def why_not_to_ask(state: Conversation) -> str:
-    """Return why the motion port must not be used now, or '' if it may be used."""
+    """Return why the motion port must not be used now, or '' if its use is safe."""
     status = latest_status(state.traffic)
     if status is None:
         return 'no STATUS received, so it is unknown whether the motors are off'

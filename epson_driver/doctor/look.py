@@ -53,7 +53,7 @@ NOTHING_LISTENS = (
 class Look:
     """The services that answer at an address, and the profile and the model that fit them.
 
-    `profile` and `model` are '' if none fits.
+    `profile` or `model` is '' if no profile or model fits.
     """
 
     host: str

@@ -23,8 +23,8 @@ MIN_JOG = 0.004
 """Minimum motion of a jogged joint, rad or m: a quarter of a degree, 4 mm."""
 
 MAX_OTHERS_FRACTION = 0.2
-"""Maximum motion of the other joints, as a fraction of the jogged joint's motion. It is not 0,
-because axes may be coupled."""
+"""Maximum motion of the other joints, as a fraction of the jogged joint's motion. Some motion is
+allowed, because axes may be coupled."""
 
 POSITION_TOLERANCE_M = 0.001
 ANGLE_TOLERANCE_RAD = math.radians(0.2)

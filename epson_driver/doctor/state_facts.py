@@ -87,9 +87,9 @@ class Measured(float):
 def rhythm(times: Sequence[float], lateness: float = 0.0) -> Measured | None:
     """Return the period of messages from their arrival times, s, or None if there are too few.
 
-    It is the median time from message i to message i + n/2, divided by n/2. Bursts and single gaps
-    do not change this median, because TCP delays messages but loses none. `lateness`: uncertainty
-    of each time, s.
+    The period is the median time from message i to message i + n/2, divided by n/2. Bursts and
+    single gaps do not change this median, because TCP delays messages but loses none. `lateness`:
+    uncertainty of each time, s.
     """
     half = len(times) // 2
     if half < MIN_JOINTS // 2:

@@ -31,7 +31,7 @@ Words = str  # an action in the syntax of `pendant`: `estop press`, `fault cut 2
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A fault, with the operator's reaction. The arm is not enabled again after it.
+    """A fault, with the operator's reaction. The operator does not enable the arm again.
 
     * what: description of the fault.
     * person: what the operator does PERSON_COMES_S after the fault.

@@ -189,7 +189,7 @@ async def _listen(run: FirstRun) -> StepResult:
 def _rounding(joints: Sequence[float]) -> float:
     """Return the unit to which joint states are rounded, degrees: 0.1, 0.01 or 0.001.
 
-    Return 0 if they are not rounded.
+    Return 0 if the joint states are not rounded.
     """
     values = np.degrees(np.asarray(joints))
     if np.abs(values).max() < 0.1:

@@ -80,7 +80,7 @@ class TrialMove:
     """Whether joint states arrived during the motion. If none arrived, only the start and the end
     of the motion are known."""
     lateness: float = 0.0
-    """Maximum delay of a timer on this machine, s. It is the uncertainty of the times."""
+    """Maximum delay of a timer on this machine, s, which is the uncertainty of the times."""
 
     @property
     def start(self) -> float | None:

@@ -48,7 +48,7 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
 def read_file(path: Path, largest: int) -> bytes:
     """Return the content of a file.
 
-    Raises InputError if it has more than `largest` bytes, and the errors of `open_file`.
+    Raises InputError if the file has more than `largest` bytes, and the errors of `open_file`.
     """
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
@@ -62,8 +62,8 @@ def read_file(path: Path, largest: int) -> bytes:
 def write_file(path: Path, content: str | bytes) -> None:
     """Write a file atomically. An existing file is replaced, and its permissions are preserved.
 
-    Text is written as UTF-8. Raises FileError, which names the file, if it cannot be written or
-    is a link, a folder, a pipe or a device.
+    Text is written as UTF-8. Raises FileError, which names the file, if the path cannot be written
+    or is a link, a folder, a pipe or a device.
     """
     data = content.encode('utf-8', 'backslashreplace') if isinstance(content, str) else content
     part = path.parent / f'.{secrets.token_hex(8)}.part'

@@ -71,7 +71,7 @@ class Block:
 
 
 def parsed(name: str, text: str) -> Block:
-    """Return a file's content as one block. A header becomes its first item.
+    """Return a file's content as one block, whose first item is the header, if any.
 
     Raises RcFileError if the syntax is wrong.
     """

@@ -154,10 +154,10 @@ class Sent:
 
 
 class ArmState:
-    """Joint state from the driver's `controller_state`, or `joint_states` if it has no such topic.
+    """Joint state from the driver's `controller_state`, or else from `joint_states`.
 
-    Other nodes may publish on `joint_states`. It is used only if `controller_state` has not been
-    discovered OWN_TOPIC_S after the driver's action.
+    Other nodes may publish on `joint_states`. This topic is therefore used only if
+    `controller_state` has not been discovered OWN_TOPIC_S after the driver's action.
     """
 
     def __init__(self, node: Node, downstream: Downstream, callback_group: CallbackGroup) -> None:

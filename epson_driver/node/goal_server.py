@@ -63,7 +63,7 @@ class PointStreams:
         self._count = 0
 
     def record_and_check(self, points: int, duration: float, now: float) -> str | None:
-        """Record a message. Return a warning if it is the third message of a stream, else None.
+        """Record a message. Return a warning with the third message of a stream, else None.
 
         points, duration: number of points, and duration of the message's trajectory, s.
         """
@@ -159,7 +159,8 @@ class GoalServer:
     def take_trajectory(self, message: JointTrajectory) -> None:
         """Submit a trajectory from a topic, or stop the arm if the trajectory has no points.
 
-        Raises GoalRejectedError if it is invalid, or DriverEndedError if the driver has ended.
+        Raises GoalRejectedError if the trajectory is invalid, DriverEndedError if the driver has
+        ended.
         """
         if not message.points:
             self._bridge.to_loop(self._begin_stop)

@@ -160,7 +160,10 @@ class LoopBridge:
             raise DriverEndedError from error
 
     def hand_over(self, request: Callable[..., object], *arguments: object) -> None:
-        """Schedule a function that may move the arm, like `to_loop`. `all_taken` waits for it."""
+        """Schedule a function that may move the arm, like `to_loop`.
+
+        `all_taken` waits for its call.
+        """
         self._handed_over += 1
         self.to_loop(request, *arguments)
 

@@ -42,7 +42,7 @@ from epson_driver.simple_message import Status
 from epson_driver.trace import TraceError
 
 PERIOD_S = 0.05
-"""Time between two published values of the speed scaling while it changes, s."""
+"""Time between two published values of a changing speed scaling, s."""
 
 
 class SpeedScalingInterface:

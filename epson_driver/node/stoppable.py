@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A smooth motion that is planned completely in advance, and a stop of it at any time."""
+"""A smooth motion that is planned completely in advance, and can be stopped at any time."""
 
 from bisect import bisect_left
 from collections.abc import Callable
@@ -25,10 +25,10 @@ BISECTIONS = 50
 class Executed:
     """Observer that records the motions that a smoother executes, from rest at a position.
 
-    It converts the motions to points between which quintics reproduce the motion. A quintic across
-    a jump of the jerk would exceed this jerk by up to 80 %. Therefore a point is placed wherever
-    the jerk may jump: at the breakpoints of a plan's timing and of a joint motion, and where the
-    path passes a knot.
+    The recorded motions are converted to points between which quintics reproduce the motion. A
+    quintic across a jump of the jerk would exceed this jerk by up to 80 %. Therefore a point is
+    placed wherever the jerk may jump: at the breakpoints of a plan's timing and of a joint motion,
+    and where the path passes a knot.
     """
 
     def __init__(self, position: Array) -> None:
@@ -37,7 +37,7 @@ class Executed:
         self._rests = [position]
 
     def __call__(self, now: float, executed: ActivePlan | JointMotion | None) -> None:
-        """Record the motion that starts at time `now`, s. None: a rest starts."""
+        """Record the motion that starts at time `now`, s, or the start of a standstill (None)."""
         before, rest = self._pieces[-1], self._rests[-1]
         if executed is None and before is not None:
             rest = _rest_after(before)

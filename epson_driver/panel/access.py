@@ -87,7 +87,7 @@ class Access:
     def cookie(self) -> str:
         """The name of the token's cookie.
 
-        It contains the port, because all ports of a host share cookies.
+        The name contains the port, because all ports of a host share cookies.
         """
         return f'epson_driver_panel_{self.port}'
 

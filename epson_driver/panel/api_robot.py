@@ -197,7 +197,7 @@ class ApiRobot:
             self._in_loop('jogging', take)
 
     def execute(self, trajectory: Trajectory, text: str, say: Say) -> None:
-        """Send a trajectory as a goal. It is refused while another motion is running."""
+        """Send a trajectory as a goal. The goal is refused while another motion is running."""
         goal = ApiGoal()
 
         def end(outcome: str, level: int) -> None:

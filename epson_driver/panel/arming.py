@@ -82,7 +82,7 @@ class Arming:
             self._holder = browser
 
     def disarm(self, why: str, browser: int | None = None) -> bool:
-        """Withdraw the permission from `browser`, or from any browser if it is None.
+        """Withdraw the permission from `browser`, or from any browser (None).
 
         Return whether a permission was withdrawn.
         """

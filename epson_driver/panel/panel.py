@@ -232,7 +232,7 @@ class Panel:
             window.offer(name, parts)
 
     def _update_views(self) -> None:
-        """Add the views of new robots, and remove those of robots that have disappeared."""
+        """Add the views of new robots, and remove the views of robots that have disappeared."""
         robots = self.robots.robots
         for name in [name for name in self._views if name not in robots]:
             with self._lock:

@@ -78,7 +78,7 @@ class RobotControl:
 
     @property
     def simulated(self) -> bool:
-        """Whether the driver's controller has recently reported that it is simulated."""
+        """Whether the controller has recently reported to be a simulated one."""
         state = self.robot.state
         known = self._pendant_at == self._address and state.simulation is not None
         return known and state.fresh('simulation', self._clock())
@@ -246,7 +246,7 @@ class RobotControl:
     def execute(self, browser: int, name: str, trajectory: Trajectory) -> None:
         """Execute a trajectory.
 
-        Its joint names are the names of the driver or of the robot model.
+        The trajectory has the joint names of the driver or of the robot model.
         """
         with self.arming.held(browser):
             if self.robot.state.no_plans:
@@ -312,7 +312,8 @@ class RobotControl:
     def away_from_start(self, trajectory: Trajectory) -> str:
         """Return the largest distance of a joint from the start of a trajectory, as a clause.
 
-        '' if all joints are within START_TOLERANCE of the start, or if it cannot be compared.
+        '' if all joints are within START_TOLERANCE of the start, or if the numbers of joints
+        differ.
         """
         here = self.robot.state.positions
         if len(here) != trajectory.positions.shape[1]:

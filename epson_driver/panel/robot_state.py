@@ -140,7 +140,7 @@ class RobotState:
         return age is not None and age <= MAX_AGES_S[name]
 
     def joints_missing(self, now: float) -> bool:
-        """Return whether the joints are stale, although the controller should report them.
+        """Return whether joints are stale that the controller should report now.
 
         `times['joints withheld']` is the last time when the controller could not report them.
         """

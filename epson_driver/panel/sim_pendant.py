@@ -3,10 +3,10 @@
 """Client of a simulated controller's remote port.
 
 An arm may be moved without `--allow-motion` only if its controller is simulated. The proof is the
-controller's own answer to `$Sim`. It is valid only as long as answers arrive. A real controller
-serves only one remote client, which should be the driver. The panel therefore connects only to
-ports of this machine that are announced as simulated. `$Sim` needs no login, so the driver can be
-the only client that is logged in.
+controller's own answer to `$Sim`. The proof is valid only as long as answers arrive. A real
+controller serves only one remote client, which should be the driver. The panel therefore connects
+only to ports of this machine that are announced as simulated. `$Sim` needs no login, so the driver
+can be the only client that is logged in.
 """
 
 import asyncio

@@ -137,7 +137,7 @@ def advice(state: RobotState, now: float) -> Advice:
 
 
 def _condition(state: RobotState, now: float) -> Mapping[str, str]:
-    """Return a simulated controller's condition (see `Simulation`), or {} if it is unknown."""
+    """Return a simulated controller's condition (see `Simulation`), or {} if not known."""
     if state.simulation is None or not state.fresh('simulation', now):
         return {}
     return state.simulation.condition
@@ -158,7 +158,7 @@ def _estop(condition: Mapping[str, str]) -> Advice | None:
 
 
 def _ended(condition: Mapping[str, str]) -> Advice | None:
-    """Return why the program of a simulated controller does not run, or None if it does."""
+    """Return why a simulated controller's program does not run, or None if the program runs."""
     if (estop := _estop(condition)) is not None:
         return estop
     if (tasks := condition.get('tasks')) in NO_PROGRAM:
@@ -168,7 +168,7 @@ def _ended(condition: Mapping[str, str]) -> Advice | None:
 
 
 def _held(condition: Mapping[str, str]) -> Advice | None:
-    """Return why the program of a simulated controller waits, or None if it does not."""
+    """Return why a simulated controller's program waits, or None if the program does not wait."""
     if condition.get('door', 'closed') != 'closed':
         remedy = 'close the door, then Continue at the pendant'
         return Advice('the safeguard door is open', remedy, BAD)

@@ -7,8 +7,8 @@ eleven flags of the RC700 generation, GetContDev).
 
 The simulated controller reports its identity (`$Sim,identity`). A real controller is queried for
 its type and its robot (`$GetContType`, `$GetRobotInfo`). A SPEL+ `Print` statement returns the
-joint positions. The controller accepts it only in AUTO, if it is idle and has no E-stop, error or
-open door.
+joint positions. The controller accepts this statement only in AUTO, while idle, without E-stop,
+error or open door.
 """
 
 import re
@@ -86,7 +86,7 @@ async def identity(ask: Ask, address: str) -> str:
 async def ask_identity(ask: Ask) -> tuple[str, str, bool]:
     """Return the type of the controller, its robot model, and whether it is simulated.
 
-    The robot model is '' if it is unknown.
+    An unknown robot model is returned as ''.
     """
     if result := _SIMULATED.fullmatch(await value_or_empty(ask, 'Sim,identity')):
         return result[1], result[2], True

@@ -123,7 +123,7 @@ async def logged_in(
     LOGIN_TIMEOUT_S. Repeating is safe because no command has been sent.
 
     Raises RemoteError if a command is refused, TimeoutError, HungUpError if the controller closes
-    the connection, and ConnectionError if it is unreachable or sends an invalid reply.
+    the connection, and ConnectionError if the controller is unreachable or sends an invalid reply.
     """
 
     async def login(ask: Ask) -> None:
@@ -164,7 +164,7 @@ async def _answering(
 
 
 class HungUpError(ConnectionError):
-    """The controller closed the connection. It may or may not have executed the last command."""
+    """The controller closed the connection, with or without having executed the last command."""
 
 
 async def _connected(host: str, port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:

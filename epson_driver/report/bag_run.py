@@ -400,7 +400,7 @@ def _why_no_plan(times: Array, rows: Sequence[Any], joints: int) -> str:
 
 
 def _followed_plans(followed: list[Reference], joints: int) -> Iterator[Plan]:
-    """Yield a plan for each goal. It consists of the references in ~/controller_state."""
+    """Yield a plan for each goal, made from the references in ~/controller_state."""
     rows: list[Reference] = []
     for row in followed:
         if rows and row[1] < rows[-1][1]:  # the time from the start has been reset

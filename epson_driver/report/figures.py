@@ -166,7 +166,7 @@ def figures(run: Run, metric: Array | None = None) -> Figures:
 
     Velocities that the controller has measured are used if available.
 
-    `metric`: JointLimits.rad_per_unit, shape (m,). It makes prismatic and revolute joints
+    `metric`: JointLimits.rad_per_unit, shape (m,). This factor makes prismatic and revolute joints
     comparable.
     """
     metric = np.ones(len(run.joint_names)) if metric is None else metric

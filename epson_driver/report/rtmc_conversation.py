@@ -33,7 +33,7 @@ JOINTS = (Request.JOINTS, Request.JOINTS_NOTICE, Request.JOINTS_AT_REST)
 
 
 class RtmcConversation:
-    """Converts the messages of one connection. `units`: those of the joints, `rad` or `m`."""
+    """Converts the messages of one connection. `units`: unit of each joint, `rad` or `m`."""
 
     def __init__(self, units: tuple[str, ...]) -> None:
         self._scales = [MM_PER_M if unit == 'm' else 1.0 for unit in units]
@@ -46,7 +46,7 @@ class RtmcConversation:
         self._points = 0
 
     def sent(self, message: RtmcMessage, time: float) -> Iterator[Message]:
-        """Yield the requests that stand for a message of the driver at `time`, s.
+        """Yield simple message requests equivalent to the driver's message at `time`, s.
 
         Raises RtmcError if the message is not valid.
         """
@@ -61,7 +61,10 @@ class RtmcConversation:
             yield MotionCtrl(0, 0, Command.RESET_ALARM)
 
     def received(self, message: RtmcMessage) -> Iterator[Message]:
-        """Yield the topics that stand for a message of the controller. Raises RtmcError."""
+        """Yield simple message topics equivalent to a controller's message.
+
+        Raises RtmcError if invalid.
+        """
         number = message.number
         if number == Request.MOVE:
             yield JointPosition(0, self._positions(message.values(MOVED_DATA)[1:-1]))

@@ -91,8 +91,8 @@ def read_trace(
     """Return the run in a pcap file. The run ends where the file is damaged.
 
     Joint states that the arm cannot reach within `limits` are omitted, and reported as an event.
-    `controller`: the controller's address. It is needed if the file contains several controllers.
-    Raises RunError if the file contains no run, InputError if it is unreadable.
+    `controller`: the controller's address, needed if the file contains several controllers. Raises
+    RunError if the file contains no run, InputError if it is unreadable.
     """
     damage: list[str] = []
     try:

@@ -201,7 +201,10 @@ class FixedLayout:
             raise self._error(message, dialect) from cause
 
     def reader(self, size: int, byte_order: ByteOrder) -> BodyReader:
-        """Return the reader of bodies of `size` bytes. Raises BodyError if none has this size."""
+        """Return the reader of bodies of `size` bytes.
+
+        Raises BodyError if no body has this size.
+        """
         result = self._readers.get((size, byte_order))
         if result is None:
             sizes = ' or '.join(str(size) for size in sorted({size for size, _ in self._readers}))

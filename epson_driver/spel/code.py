@@ -45,8 +45,8 @@ class FunctionCode:
     * starts: the first instruction of the same statement.
     * following: the instruction that normally follows.
     * source: the Python function of the instruction, with the name o<index>_<pc>.
-    * passed_over: jumps to the end of an If or Select. They are never executed if another jump
-      leads to them, because that jump goes directly to the end.
+    * passed_over: jumps to the end of an If or Select. They may never be executed, because a jump
+      to such a jump goes directly to the end.
     """
 
     name: str

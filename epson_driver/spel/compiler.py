@@ -643,8 +643,8 @@ class Compiler:
     def _beside(self, motion: syntax.Motion) -> str:
         """Compile the parallel statements (`!…!`) of a motion.
 
-        Instructions are added for them, after a jump that skips them. Returns the number of the
-        first one as Python text.
+        Adds a jump over the parallel statements, and their instructions. Returns the number of the
+        first of these instructions as Python text.
         """
         start, at = self._start, self._at
         inside, behind = self._mark(), self._mark()

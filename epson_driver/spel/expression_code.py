@@ -71,8 +71,8 @@ class Code(NamedTuple):
     kind: str
     truth: str = ''
     checked: bool = False
-    """Whether the value needs no range check. The constants -1 and 0 need none, nor do variables
-    of the type Double or String."""
+    """Whether the value needs no range check. The constants -1 and 0, and variables of the type
+    Double or String, need no check."""
 
 
 def check_count(rule: FunctionRule, arguments: Sequence[Argument], at: Position) -> None:

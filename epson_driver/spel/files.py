@@ -137,8 +137,8 @@ def _inside(place: Path) -> list[Path]:
 
 
 Answer = int | float | str | None | list[int | float | str]
-"""The result of a statement or function that is replaced by a stub. It is the value of a function,
-a list of values for a statement's variables, or None if there are no values."""
+"""The result of a statement or function that is replaced by a stub. An answer is the value of a
+function, a list of values for a statement's variables, or None for no values."""
 
 
 class Stubs:

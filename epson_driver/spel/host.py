@@ -105,10 +105,10 @@ class Terminal(Protocol):
         """Show a text whose lines end with a line feed."""
 
     def read_line(self) -> str | None:
-        """Return a line that a user has typed, or None if none is available."""
+        """Return a line that a user has typed, or None before the next line is typed."""
 
     def message_box(self, caller: Caller, text: str, buttons: int, title: str) -> int | None:
-        """Return the number of the pressed button, or None while none has been pressed.
+        """Return the number of the pressed button, or None before a button is pressed.
 
         The interpreter calls it repeatedly until a button is pressed.
         """

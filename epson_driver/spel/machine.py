@@ -294,7 +294,7 @@ class Machine:
 
     @property
     def running(self) -> Task | None:
-        """Return the task that ran last, or None if it has ended."""
+        """Return the task that ran last, or None if this task has ended."""
         return self.world.tasks.get(self._last)
 
     @property
@@ -457,7 +457,10 @@ class Machine:
             waiting.until = self.world.time + waiting.duration
 
     def _run(self, task: Task) -> int:
-        """Run a task for a turn, or until it waits or ends. Return the number of instructions."""
+        """Run a task for `Timing.turn`, or until it waits or ends.
+
+        Return the number of instructions.
+        """
         limit, used = self._turn, 0
         frame = task.frame
         while frame is not None and used < limit and task.waiting is None:
@@ -505,7 +508,7 @@ class Machine:
 def _of_program(error: Exception) -> bool:
     """Return whether the program caused an exception.
 
-    It has if generated code, library.py, values.py or frames.py raised the exception.
+    This is so if generated code, library.py, values.py or frames.py raised the exception.
     """
     trace = error.__traceback__
     assert trace is not None  # noqa: S101 - it was raised

@@ -417,7 +417,7 @@ class Parser(Statements):
 def _split_at_else(parts: list[list[Token]]) -> list[list[list[Token]]]:
     """Split the statements of a one-line If at its Else.
 
-    An Else of a nested If does not split them.
+    An Else of a nested If is not a place to split.
     """
     result: list[list[list[Token]]] = [[[]]]
     inner = 0
@@ -530,7 +530,7 @@ def _type(reader: Reader) -> str:
 def declaration(reader: Reader, scope: str) -> Declaration:
     """Parse `[Global [Preserve]] [Static] type name[(bounds)], …`.
 
-    Static marks the variables of a library (RC+ 8). Here they are stored like all shared
+    Static marks the variables of a library (RC+ 8), which are stored here like all shared
     variables.
     """
     at = reader.here.position

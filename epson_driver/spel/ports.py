@@ -103,7 +103,8 @@ def wait_net(task: Task, number: float, time: float | None = None) -> None:
 def check_net(task: Task, number: int) -> int:
     """Return the result of `ChkNet`.
 
-    It is the number of received bytes, -1 (no peer), -2 (another task's port) or -3 (closed).
+    The result is the number of received bytes, -1 (no peer), -2 (another task's port) or -3
+    (closed).
     """
     task.since_wait = 0  # a loop that reads inputs is not endless
     port = port_of(task, 'ChkNet', number)

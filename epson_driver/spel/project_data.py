@@ -130,7 +130,7 @@ def listed_files(project: Block) -> Iterator[str]:
 def decoded(content: bytes, page: str = '') -> str:
     """Decode a text.
 
-    It may be in UTF-8, in the code page `page`, or in a code page that is detected from the
+    The text may be in UTF-8, in the code page `page`, or in a code page that is detected from the
     content.
     """
     for name in ('utf-8-sig', page or _code_page(content)):

@@ -231,7 +231,7 @@ class Statements:
     # Terminal and network
 
     def _port(self, reader: Reader) -> Expression | None:
-        """Parse `#n` and the comma after it. Return None if the next token is not #."""
+        """Parse `#n` and its comma. Return None if the next token is not #."""
         if not reader.takes('#'):
             return None
         port = reader.expression()

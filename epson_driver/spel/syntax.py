@@ -245,7 +245,7 @@ class Motion:
 class Share:
     """`D50` in parallel statements.
 
-    The statements after it start when 50 % of the motion is complete.
+    The parallel statements after it start when 50 % of the motion is complete.
     """
 
     percent: Expression

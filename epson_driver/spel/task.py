@@ -236,7 +236,7 @@ class SharedState:
     def add_helper(self, task: 'Task', start: int, motion: Completion) -> 'Task':
         """Start the task for the parallel statements of a motion.
 
-        It uses the variables of the function that contains them.
+        The new task uses the variables of the function that contains the parallel statements.
         """
         helper = Task(self, FIRST_HELPER + task.number, task.type)
         moving = task.current
@@ -381,7 +381,7 @@ class Task:
     def resume(self, following: bool) -> int:
         """Return the instruction at which EResume continues.
 
-        It is the start of the failed statement or, if `following`, of the next statement.
+        EResume continues at the start of the failed statement or, if `following`, of the next one.
         """
         self.resumed()
         frame = self.current
@@ -457,7 +457,7 @@ class Task:
     ) -> None:
         """Wait like `wait`, and store whether the wait timed out as the value of TW.
 
-        Then call `then` with this value.
+        Then call `then` with the same boolean.
         """
         self.timed_out = False
 
@@ -471,7 +471,7 @@ class Task:
     def discontinue(self) -> None:
         """End the current wait and the current motion.
 
-        It is called when a Trap interrupts the task's statement (SPEL+ manual p852).
+        A Trap that interrupts the task's statement calls this (SPEL+ manual p852).
         """
         helper = self.world.tasks.get(FIRST_HELPER + self.number)
         if helper is not None:
@@ -626,7 +626,7 @@ class Task:
     def wait_fraction(self, percent: float) -> None:
         """Wait until `percent` of a motion are complete.
 
-        It is called by the task that executes the motion's parallel statements.
+        The task that executes the motion's parallel statements calls this.
         """
         motion = self.motion
         assert motion is not None  # noqa: S101 - the compiler puts it into !…! only
@@ -664,7 +664,7 @@ class Task:
         ]
 
     def library(self, number: int, arguments: tuple[object, ...]) -> Value:
-        """Call a function of a DLL. It may write to arrays and to ByRef variables."""
+        """Call a function of a DLL, which may write to arrays and to ByRef variables."""
         declared = self.world.program.libraries[number]
         passed: list[Value | Array] = []
         references: list[tuple[Array, list[Value], int]] = []

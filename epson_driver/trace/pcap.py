@@ -159,7 +159,7 @@ class Conversation:
                 self._record(time_ns, Flag.ACK, from_client=not from_client)
 
     def finish(self, time_ns: int, *, from_client: bool) -> None:
-        """Write the FIN of one side, unless it is already written.
+        """Write the FIN of one side if it has not been written yet.
 
         Then write the acknowledgement of the other side.
         """
