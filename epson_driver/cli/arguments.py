@@ -128,10 +128,10 @@ def parsed(
 ) -> argparse.Namespace:
     """Parse a command line that may contain a robot's file (robot.yaml) instead of a value.
 
-    After --robot, the file's robot model is used, and after other options its address. A file that
-    follows no option stands for its setting `positional`, or is an error if `positional` is ''.
-    The other settings of the file replace the parser's defaults. `refused` is the reason why the
-    command accepts no such file, or ''.
+    After --robot, the file stands for its robot model, and after any other option for its address.
+    A file without an option stands for its setting `positional`, or is an error if `positional` is
+    ''. The other settings of the file replace the parser's defaults. `refused` is the reason why
+    the command accepts no such file, or ''.
     """
     words = list(sys.argv[1:] if words is None else words)
     end = words.index('--') if '--' in words else len(words)

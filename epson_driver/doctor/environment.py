@@ -25,7 +25,7 @@ ASK_TIMEOUT_S = 60.0
 MIN_PYTHON = (3, 11)
 
 SAFE_DOMAINS = range(102)
-"""Domains whose ports are below the ephemeral ports of all common systems."""
+"""ROS domain IDs whose UDP ports are below the ephemeral ports of all common systems."""
 
 SHARED, PROCESSES = Path('/dev/shm'), Path('/proc')  # noqa: S108 - Fast DDS' own place
 LOGIND = Path('/etc/systemd/logind.conf')

@@ -77,7 +77,7 @@ class Observer:
     def wait_for_motion(self, until: float, ended: threading.Event) -> float | None:
         """Return when the arm was first seen moving.
 
-        Return None if it has not moved at the time `until`, or when `ended` is set.
+        Return None if the arm has not moved at the time `until`, or when `ended` is set.
         """
         with self._news:
             start = self._positions[-1] if self._positions else None

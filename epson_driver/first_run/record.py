@@ -71,7 +71,7 @@ class FirstRunRecord:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """The latest facts of all steps: key of a profile, or an additional key → value."""
+        """The latest facts of all steps: profile key, or additional key → value."""
         return self._all('facts')
 
     @property

@@ -79,7 +79,7 @@ class Connections:
     async def to(self, host: str, port: int, **options: Any) -> Conversation:
         """Return the connection to a port.
 
-        If it has ended, return a new connection (see `opened`).
+        If the previous connection has ended, return a new one (see `opened`).
         """
         made = self._open.get(port)
         if made is None or made.traffic.ended:

@@ -80,7 +80,10 @@ class Diagnostics:
         )
 
     def _io(self, now: float) -> Iterator[DiagnosticStatus]:
-        """Yield the status of the I/O, if used. A failure is a WARN, because the arm can move."""
+        """Yield the status of the I/O, if used.
+
+        A failure has level WARN: the arm can still move.
+        """
         io = self._driver.io
         if not io.used:
             return

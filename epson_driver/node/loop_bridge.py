@@ -272,8 +272,8 @@ calls OnEnd with the outcome. The function runs in the executor, and may raise G
 Canceling the goal ends the PlanningCancellation, which interrupts the planning."""
 
 RESULT_TIMEOUT_S = 60
-"""Time for which a goal and its result are stored for late requests, s. With rclpy's default of 15
-minutes, all points of all goals of this time would be stored."""
+"""Time for which a goal and its result are stored for late requests, s. With rclpy's default, the
+points of all goals of the last 15 minutes would be stored."""
 
 
 class GoalAction:

@@ -51,8 +51,8 @@ class Solver(Protocol):
 class Kinematics:
     """Forward and inverse kinematics of one model, from its data. Joints have shape (n,), rad, m.
 
-    Forward and inverse kinematics refer to the frame `tool`, a pose in tool0, shape (4, 4), m
-    (None: tool0 itself).
+    All poses are poses of `tool`, which is given by its own pose in tool0, shape (4, 4), m (None:
+    tool0 itself).
 
     >>> arm = Kinematics(load_robot_model('c3_a601s'))
     >>> pose = arm.forward(np.radians([0, 0, 0, 0, -90, 0]))

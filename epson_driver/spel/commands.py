@@ -158,7 +158,7 @@ SHOWN = {
 print a line, the function with the statement's name is called with each of these arguments."""
 
 SHOWN_IN_LOW_POWER = {'speed': 'Low Power State: Speed is limited to 5'}
-"""Statement of SHOWN → line printed before its values in low power (p779)."""
+"""Statement of SHOWN → line printed in low power before the statement's values (p779)."""
 
 
 def _rules() -> Iterator[CommandRule]:

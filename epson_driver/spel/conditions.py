@@ -59,9 +59,9 @@ def _test(expression: Expression, expressions: Expressions, before: list[str]) -
 
 
 def _once(expression: Expression, expressions: Expressions, before: list[str]) -> str:
-    """Compile an expression that is evaluated once, to a whole number.
+    """Add a line to `before` that evaluates an expression once, to a whole number.
 
-    Add this line to `before`, and return the name of the Python variable with the value.
+    Return the name of the Python variable with the value.
     """
     name = expressions.temporary()
     before.append(f'{name} = {expressions.whole(expression)}')
