@@ -516,7 +516,7 @@ async def test_io_reads_writes_and_rejects_bad_requests():
             await robot.io.read('XY', 0)
 
 
-async def test_io_without_a_port_is_rejected():
+async def test_io_access_without_an_io_port_is_rejected():
     async with ScriptedController() as controller:
         ports = controller.ports
         async with Robot(motion_port=ports.motion, state_port=ports.state, io_port=0) as robot:

@@ -254,7 +254,7 @@ async def test_hostile_setpoints_exceed_no_limit_and_the_arm_stops():
         assert robot.joints == pytest.approx(here, abs=1e-3)
 
 
-async def test_samples_have_time_stamps_and_conditions_can_be_awaited():
+async def test_samples_have_time_stamps_and_wait_until_awaits_one():
     async with robot_cell() as (robot, controller):
         first = robot.sample()
         assert first.positions == pytest.approx(robot.joints)

@@ -79,7 +79,7 @@ def test_every_executable_is_installed_for_ros2_run() -> None:
 
 
 @pytest.mark.parametrize('package', ['epson_msgs', 'industrial_msgs'])
-def test_missing_messages_are_reported_with_build_command(package: str) -> None:
+def test_missing_message_package_is_reported_with_its_build_command(package: str) -> None:
     run = command('client', before=f'sys.modules["{package}"] = None')
     assert run.returncode == 1
     assert f'the Python module {package} is missing' in run.stderr
@@ -123,7 +123,7 @@ def test_ctrl_c_exits_as_interrupted(name: str) -> None:
     assert (run.returncode, run.stderr) == (INTERRUPTED, '')
 
 
-def test_only_a_port_in_use_gives_advice() -> None:
+def test_error_advises_other_ports_only_if_the_port_is_in_use() -> None:
     assert if_in_use(None) == if_in_use(OSError(errno.EACCES, 'x')) == ''
     assert '--motion-port' in if_in_use(OSError(errno.EADDRINUSE, 'x'))
 

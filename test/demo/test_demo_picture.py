@@ -138,7 +138,7 @@ def test_waypoints_of_a_self_crossing_path_are_matched_in_order():
     assert figures.stops == 2
 
 
-def test_picture_is_written(tmp_path):
+def test_plot_of_a_run_is_written(tmp_path):
     pytest.importorskip('matplotlib')
     run = ptp()
     path = tmp_path / 'report.png'

@@ -126,7 +126,7 @@ def test_reason_of_a_failed_connection_is_reported(monkeypatch, error, sentence,
     assert 'start the program' not in remedies[0]
 
 
-def test_lost_machine_is_reported(monkeypatch):
+def test_doctor_reports_a_controller_that_stops_answering_tcp(monkeypatch):
     """TCP keepalive fails, for example because a cable is unplugged."""
     begin = Connection.start
 

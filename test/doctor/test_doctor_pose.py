@@ -92,7 +92,7 @@ def test_wrong_joint_is_reported_with_remedy(moves, joint, message, remedy):
     assert sum(item.level is Level.WRONG for item in result.values()) == 1
 
 
-def test_joint_can_be_skipped():
+def test_jog_of_a_joint_can_be_skipped():
     assert checked(Arm({3: None}), check_joints)['joint 4'].level is Level.SKIPPED
 
 

@@ -56,7 +56,7 @@ def test_processes_withstand_random_input(name: str) -> None:
 # --- the fuzzer itself ------------------------------------------------------------------------
 
 
-def test_endless_case_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fuzzer_finds_a_case_that_never_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runner, 'HANG_S', 0.05)
 
     class Hanging:
@@ -69,7 +69,7 @@ def test_endless_case_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert 'HangError' in runner.why_it_fails(Hanging(), Case('hanging', ()))
 
 
-def test_arm_that_moves_without_power_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fuzzer_finds_an_arm_that_moves_without_power(monkeypatch: pytest.MonkeyPatch) -> None:
     target = TARGETS['controller simulated, motors off: motion, state, io']
     world = controller_target._World(target)
     world.controller.servo.actual[0] += 1e-9

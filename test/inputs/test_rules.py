@@ -115,7 +115,7 @@ def test_value_that_breaks_the_rule_is_refused(rule: Rule, value: Any) -> None:
     assert str(caught.value) == f'f.yaml: key = {shown(value)}: {rule.text}'
 
 
-def test_long_values_are_abbreviated() -> None:
+def test_long_values_in_error_texts_are_abbreviated() -> None:
     endless: list[Any] = []
     endless.append(endless)
     for value in ('x' * 10**6, 10**5000, 10**400, [[1] * 1000] * 1000, {'a' * 999: 1}, endless):

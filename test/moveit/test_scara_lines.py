@@ -90,7 +90,7 @@ def test_line_is_followed_with_constant_tool_rotation(name: str) -> None:
     assert np.all(joints <= arm.model.limits.position_max)
 
 
-def test_tilted_pose_has_no_solution() -> None:
+def test_tilted_pose_of_a_scara_has_no_solution() -> None:
     arm = Kinematics(load_robot_model('gx8_c652s'))
     pose, seed = ready(arm)
     pose[:3, :3] = rotation_about(np.array([1.0, 0.0, 0.0]), 1e-3) @ pose[:3, :3]

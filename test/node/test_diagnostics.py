@@ -47,7 +47,7 @@ def connect(harness):
     harness.driver.robot.on_status(Status(1, 0, 0, 0, 0, 2, 1), 100.0)
 
 
-def test_statuses_have_names_and_hardware_ids(diagnostics):
+def test_diagnostic_statuses_have_names_and_hardware_ids(diagnostics):
     message = diagnostics.build(STAMP, 100.0)
     assert message.header.stamp == STAMP
     assert [(status.name, status.hardware_id) for status in message.status] == [
@@ -67,7 +67,7 @@ def test_refused_plans_and_streams_have_a_reason(harness, diagnostics):
 
 
 @pytest.mark.parametrize('state', LinkState)
-def test_unconnected_link_is_an_error(harness, diagnostics, state):
+def test_unconnected_link_has_diagnostic_level_error(harness, diagnostics, state):
     harness.driver.motion_link.state = state
     link = rows(diagnostics.build(STAMP, 100.0))['motion link']
     assert link.level == (OK if state is LinkState.CONNECTED else ERROR)
@@ -75,7 +75,7 @@ def test_unconnected_link_is_an_error(harness, diagnostics, state):
     assert values(link)['state'] == state.value
 
 
-def test_arm_without_state_is_stale(harness, diagnostics):
+def test_arm_without_state_has_diagnostic_level_stale(harness, diagnostics):
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
     assert (arm.level, arm.message) == (
         STALE,
@@ -86,7 +86,7 @@ def test_arm_without_state_is_stale(harness, diagnostics):
     assert 'age of joint state [ms]' not in values(arm)
 
 
-def test_disabled_arm_is_a_warning_with_reason(harness, diagnostics):
+def test_disabled_arm_has_diagnostic_level_warn_with_the_reason(harness, diagnostics):
     connect(harness)
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
     assert arm.level == WARN
@@ -154,14 +154,16 @@ def test_controller_error_is_shown_with_number_text_and_advice(harness, diagnost
         (Status(1, 0, 0, 1, 0, 2, 0), 'the controller is in error 0'),
     ],
 )
-def test_estop_or_error_without_number_is_an_error(harness, diagnostics, status, text):
+def test_estop_or_error_without_number_has_diagnostic_level_error(
+    harness, diagnostics, status, text
+):
     connect(harness)
     harness.driver.robot.on_status(status, 100.0)
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
     assert (arm.level, arm.message) == (ERROR, text)
 
 
-def test_motors_off_is_a_warning_with_the_gate_s_reason(harness, diagnostics):
+def test_motors_off_has_diagnostic_level_warn_with_the_gate_s_reason(harness, diagnostics):
     connect(harness)
     open_gate(harness.driver.gate)
     harness.driver.gate.close('the motors are off')

@@ -409,7 +409,7 @@ async def test_shutdown_brakes_the_goal_and_rejects_new_ones(monkeypatch):
 
 
 @pytest.mark.invariant(9)
-async def test_failed_feedback_is_reported(monkeypatch):
+async def test_exception_while_forwarding_feedback_is_reported(monkeypatch):
     front = Front(monkeypatch)
     sent = await front.goal((0.0, START), (1.0, FAR))
     sent.goal.on_feedback = lambda _feedback: 1 / 0
@@ -486,7 +486,7 @@ def client(monkeypatch, *, ready=True, services=(QUERY,), **requests):
     return Downstream(node, 'jtc/follow', None)
 
 
-async def test_missing_server_and_rejection_are_reported(monkeypatch):
+async def test_missing_downstream_server_and_its_rejection_are_reported(monkeypatch):
     assert client(monkeypatch).keeps_stamps
     assert not client(monkeypatch, services=()).keeps_stamps
     with pytest.raises(GoalRejectedError, match='no server for the action /jtc/follow'):
@@ -501,7 +501,7 @@ async def test_missing_server_and_rejection_are_reported(monkeypatch):
         await broken.request_result(lambda: 1 / 0)
 
 
-async def test_goal_accepted_too_late_is_canceled(monkeypatch, caplog):
+async def test_goal_that_the_downstream_driver_accepts_late_is_canceled(monkeypatch, caplog):
     waiting, canceled = [], []
     late = SimpleNamespace(add_done_callback=waiting.append)
     behind = client(monkeypatch, send_goal_async=lambda *_: late)
@@ -526,7 +526,9 @@ async def test_goal_accepted_too_late_is_canceled(monkeypatch, caplog):
         (GoalStatus.STATUS_ABORTED, 77, 'x', (End.ABORTED, -1, 'goal: x (error code 77)')),
     ],
 )
-async def test_downstream_result_is_passed_on(monkeypatch, status, code, text, expected):
+async def test_result_of_the_downstream_driver_is_forwarded(
+    monkeypatch, status, code, text, expected
+):
     result = SimpleNamespace(error_code=code, error_string=text)
     handle = SimpleNamespace(
         get_result_async=lambda: Answer(SimpleNamespace(status=status, result=result)),

@@ -125,7 +125,9 @@ def test_model_is_loaded_once_for_any_spelling(
     assert control.model is model
 
 
-def test_missing_model_is_logged_once_and_not_shown(robot: Robot, control: RobotControl) -> None:
+def test_missing_robot_model_is_logged_once_and_not_shown(
+    robot: Robot, control: RobotControl
+) -> None:
     control.update()
     robot.parameters['robot_model'] = '/no/such/file.yaml'
     for _ in range(3):

@@ -340,7 +340,7 @@ def test_other_machines_need_a_token(listener: Listener) -> None:
         server.stop()
 
 
-def test_port_is_free_after_stop(listener: Listener) -> None:
+def test_port_of_the_panel_is_free_after_its_end(listener: Listener) -> None:
     server = serving(listener)
     assert server.alive
     client = opened(server.port)
@@ -434,7 +434,7 @@ def test_every_request_needs_the_token() -> None:
     assert rejection(access, '/?token=secret', origin='http://evil.example') is not None
 
 
-def test_policy_blocks_other_hosts_and_frames() -> None:
+def test_security_policy_of_the_page_blocks_other_hosts_and_frames() -> None:
     sent = Access(PORT, own_names(HERE), 'secret').new_headers('/?token=secret')
     policy = dict(part.split(' ', 1) for part in sent['Content-Security-Policy'].split('; '))
     assert policy['default-src'] == "'none'"

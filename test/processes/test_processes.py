@@ -231,7 +231,7 @@ def same(one, other):
 
 @settings(max_examples=examples(300))
 @given(VALUES)
-def test_value_survives_the_round_trip_exactly(value):
+def test_value_survives_a_round_trip_through_the_pipe_exactly(value):
     assert same(unpacked(packed(value), THINGS), value)
 
 
@@ -254,7 +254,7 @@ def test_planning_requests_and_replies_survive_the_round_trip():
 @pytest.mark.parametrize(
     'value', [object(), {1, 2}, np.array([None]), np.array(['x']), b'bytes', np.zeros(2, 'c16')]
 )
-def test_unsupported_value_is_an_error(value):
+def test_value_that_the_pipe_does_not_support_is_refused(value):
     with pytest.raises(TypeError, match='cannot be passed'):
         packed((value,))
 

@@ -99,7 +99,7 @@ def event_texts(run, level):
     return [event.text for event in run.events if event.level == level]
 
 
-def test_goals_in_controller_state_are_plans_in_joint_order(tmp_path):
+def test_goals_in_controller_state_become_plans_in_joint_order(tmp_path):
     turned = tuple(reversed(NAMES))
     references = [
         (0.05 * n + start, FOLLOWED, CONTROLLER_STATE, followed(0.05 * n, range(6), turned))

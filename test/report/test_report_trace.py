@@ -174,7 +174,7 @@ def test_report_notes_a_missing_packet(tmp_path):
     assert not any('is missing' in note for note in full.notes)
 
 
-def test_sending_times_remove_the_arrival_jitter(tmp_path):
+def test_estimated_sending_times_remove_the_arrival_jitter(tmp_path):
     jitter = np.random.default_rng(3).exponential(0.004, 4000)
     recorder = Recorder()
     recorder.connect(0.0, 11002)

@@ -40,7 +40,7 @@ def test_every_arm_published_by_epson_has_a_model() -> None:
 
 
 @each
-def test_tool_pose_equals_epsons_urdf(name: str) -> None:
+def test_tool_pose_of_each_model_equals_the_pose_in_epsons_urdf(name: str) -> None:
     arm = Kinematics(model(name))
     for joints, pose in PUBLISHED[name]['poses'].items():
         expected = numbers(pose).reshape(3, 3)

@@ -58,7 +58,7 @@ def test_trap_call_ends_the_wait_of_its_task_but_trap_xqt_does_not(
     assert float(run(source).text) == pytest.approx(float(expected), abs=0.002)
 
 
-def test_trap_triggers_once() -> None:
+def test_armed_trap_triggers_only_once() -> None:
     source = """
     Function main
       Trap 2, MemSw(1) = On Xqt sprung

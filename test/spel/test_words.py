@@ -59,7 +59,7 @@ def test_word_of_a_later_version_is_a_valid_name() -> None:
     assert [rule for rule, _ in problems(text, 7)] == ['reserved']
 
 
-def test_every_word_is_known() -> None:
+def test_every_word_is_accepted_or_refused_by_its_name() -> None:
     """Each word, as a statement and as a value, is accepted or refused by its name."""
     forms = ('{} 1', 'x = {}(1)', 'x = {}')
     for text in (form.format(word.name) for word in WORDS.values() for form in forms):

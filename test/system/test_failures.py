@@ -224,7 +224,7 @@ def test_failure_in_any_task_or_thread_stops_the_arm_and_the_process(
     assert log.count('goal aborted: ') <= 1
 
 
-def test_goal_that_fails_in_the_loop_is_answered(robot: Robot) -> None:
+def test_goal_with_an_unexpected_exception_is_answered(robot: Robot) -> None:
     first = robot.move()
     robot.fail('submit')
     second = robot.peer.goal(trajectory((1.0, [0.0] * 6)))
@@ -244,7 +244,7 @@ def test_failing_cancel_stops_the_arm_and_ends_the_process(robot: Robot, name: s
     assert goal.result()[0] in ('aborted', 'canceled')
 
 
-def test_service_that_exits_the_loop_is_answered(robot: Robot) -> None:
+def test_service_whose_callback_raises_system_exit_is_answered(robot: Robot) -> None:
     goal = robot.move()
     robot.fail('exit of ~/reset_error')
     answer = ask(robot, Trigger, 'epson_driver/reset_error')
@@ -329,7 +329,7 @@ def test_failing_service_reports_the_error_and_stops_the_arm(serving: Robot, nam
     assert_still_serves(serving)
 
 
-def test_failing_trace_ends_without_other_effects(serving: Robot) -> None:
+def test_failing_trace_ends_without_affecting_the_driver(serving: Robot) -> None:
     name = Parameter('trace_file', value='a.pcap').to_parameter_msg()
     request = SetParameters.Request(parameters=[name])
     [result] = ask(serving, SetParameters, 'epson_driver/set_parameters', request).results

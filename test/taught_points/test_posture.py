@@ -71,6 +71,6 @@ def test_undefined_posture_is_refused(model, degrees, why):
         flags(model, degrees)
 
 
-def test_scara_has_a_hand_flag():
+def test_hand_flag_of_a_scara_depends_on_joint_2():
     assert flags('gx4_a251s', [0, 30, 0, 0]) == '111'
     assert flags('gx4_a251s', [0, -30, 0, 0]) == '211'

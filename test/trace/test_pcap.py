@@ -76,7 +76,7 @@ def closes(*, from_client):
     return lambda conversation, time: conversation.finish(time, from_client=from_client)
 
 
-def test_checksums_are_valid():
+def test_checksums_of_written_packets_are_valid():
     odd = bytes(range(1, 252))
     zeros = struct.pack('!HH', 0, 0)
     file = written(from_server(odd), from_client(zeros), from_client(b'\xff' * 9))
@@ -192,7 +192,7 @@ def test_file_that_is_no_capture_is_refused(data, text):
         list(read_segments(data))
 
 
-def test_other_packets_are_ignored():
+def test_packets_of_other_protocols_are_ignored():
     file = written()
     udp = bytearray(packet_of(file, 0))
     udp[14 + 9] = 17

@@ -22,7 +22,7 @@ each_model = pytest.mark.parametrize('model', one_in(5, map(load_robot_model, NA
 
 
 @each_model
-def test_urdf_has_no_problems(model):
+def test_urdf_of_each_model_has_no_problems(model):
     assert problems(urdf(model.file)) == []
 
 
