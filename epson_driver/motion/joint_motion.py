@@ -20,16 +20,16 @@ MIN_REVERSAL = 1e-9
 """Distance of the target from the position limit in the first attempt, rad."""
 
 STOP_TOLERANCE = 1e-12
-"""Rounding at a position limit in a stop, rad."""
+"""Tolerance for rounding at a position limit in a stop, rad."""
 
 State = tuple[Array, Array, Array]
 """Position, velocity, acceleration of each joint, shapes (n,)."""
 
 LIMIT_TOLERANCE_SHARE = 1e-6
-"""Rounding at a velocity, acceleration or jerk limit, relative to it."""
+"""Tolerance for rounding at a velocity, acceleration or jerk limit, relative to it."""
 
 POSITION_TOLERANCE = 1e-11
-"""Rounding at a position limit, rad."""
+"""Tolerance for rounding at a position limit, rad."""
 
 TARGET_TOLERANCE = 1e-9
 """Maximum distance of the end of a move from its target, rad."""

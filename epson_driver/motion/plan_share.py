@@ -12,7 +12,8 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.trajectory import Trajectory
 
 MIN_SHARE = 1e-3
-"""Minimum fraction. A plan that hardly moves must not lead to limits near 0."""
+"""Minimum fraction that `plan_share` returns, so that a tiny move does not lead to limits near 0.
+"""
 
 SPARSE_S = 0.25
 """Time between points above which a divided difference does not show the highest value, s."""

@@ -16,7 +16,7 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.trajectory import Trajectory, sample_times
 
 LESS_JERK = 1.0 - 1e-9
-"""Factor of the jerk limits in the second attempt."""
+"""Factor of the jerk limits in a second attempt, after Ruckig has found no trajectory."""
 
 
 def calculated(inp: InputParameter) -> RuckigTrajectory | None:
@@ -44,14 +44,14 @@ def _calculated(inp: InputParameter) -> RuckigTrajectory | None:
 
 
 SHORTEST_MOVE_S = 0.01
-"""Duration of a move to the current position."""
+"""Duration of a move to the current position, s."""
 
 SAMPLE_PERIOD_S = 0.05
 """Time between points for a controller that interpolates positions and velocities."""
 
 LONGEST_SEGMENT_S = 0.5
-"""Maximum time between points for other controllers, some of which stop at each point. It is short
-because the driver cannot slow down a point that it has sent."""
+"""Maximum time between points for a controller that does not interpolate velocities, s. It is
+short because the driver cannot slow down a point that it has sent."""
 
 MIN_MOVE = 1e-9
 """Minimum distance of the joint that moves farthest, rad. A shorter move counts as no move."""

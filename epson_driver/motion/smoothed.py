@@ -264,12 +264,12 @@ def thinned(
     *,
     refine: bool = True,
 ) -> Trajectory:
-    """Return fewer points, whose straight segments in joint space are close to the smooth motion.
+    """Return a trajectory with fewer points, for a controller that moves straight between them.
 
-    The points are `spacing` to twice `spacing` s apart, and as few as possible. They are points of
-    the trajectory. Where these are too far apart, points of the motion are inserted. The points
-    are closer together where a joint would otherwise deviate by more than `deviation`, rad (or m),
-    from the motion. `smoothed` describes `mode` and `refine`. Raises the errors of `smoothed`.
+    It has as few points as possible. They are `spacing` to twice `spacing` s apart, and closer
+    where a joint would otherwise deviate by more than `deviation`, rad (or m), from the smooth
+    motion. They are points of the trajectory or, where these are too far apart, of the motion.
+    `smoothed` describes `mode` and `refine`. Raises the errors of `smoothed`.
     """
     if not (spacing > 0.0 and deviation > 0.0):
         raise ValueError(f'spacing = {spacing} s, deviation = {deviation}: must be positive')
@@ -296,7 +296,7 @@ def thinned(
 def _farthest(
     motion: Trajectory, times: Array, first: int, spacing: float, deviation: float
 ) -> int:
-    """Return the index of the last point that a straight move from the point `first` may end at.
+    """Return the index of the last point to which the arm may move straight from point `first`.
 
     times: times of all points, s. If none is near enough, the result is the next point.
     """

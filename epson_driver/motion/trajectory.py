@@ -13,8 +13,8 @@ import numpy.typing as npt
 from epson_driver.motion.limits import Array, JointLimits
 
 LIMIT_TOLERANCE_SHARE = 1e-6
-"""Rounding at a limit, as a fraction of the range. It is needed because many plans use the limits
-fully."""
+"""Tolerance for rounding at a limit, as a fraction of the range. It is needed because many plans
+use the limits fully."""
 
 MAX_USUAL_ANGLE_RAD = 4 * np.pi
 """Two turns. If an angle exceeds both its limit and this, the positions may be in degrees."""

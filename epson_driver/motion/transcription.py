@@ -315,7 +315,7 @@ class Search:
         return jerks, -self._defects @ _transposed(inverse)
 
     def _tangents(self, jerks: Array, corrections: Array) -> tuple[Array, Array]:
-        """Return the derivatives of the rows with respect to the unknowns, and offsets.
+        """Return the derivatives of the rows with respect to the unknowns, and the rows' offsets.
 
         The offsets are the changes of the rows that the jerk corrections cause (`_by_unknowns`).
         """

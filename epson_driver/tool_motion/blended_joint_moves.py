@@ -43,7 +43,7 @@ SHORTEST_MOVE_S = 1e-6
 """Minimum duration of a move at full speed."""
 
 RESERVE_FRACTION = 0.01
-"""Reserved fraction of the limits in a blend, whose derivatives are only sampled."""
+"""Unused fraction of the limits in a blend, because its derivatives are only sampled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ def _parts(
     ]
     for index, size in enumerate(sizes):
         if size < SHORTEST_MOVE_S:
-            raise BlendError(index, 'the joints are already there')
+            raise BlendError(index, 'the joints are already at the target')
     positions = partial(_tool_positions, kinematics, checkpoint=checkpoint)
     blends: list[_Part] = []
     for index, radius in enumerate(radii):

@@ -23,10 +23,11 @@ MIN_STEPS = 50
 MAX_STEPS = 5000
 
 MAX_JOINT_STEP = 0.15
-"""Maximum step of a joint between two samples, rad or m. Otherwise samples are added."""
+"""Maximum step of a joint between two samples, rad or m. If it is larger, samples are added."""
 
 MAX_SUBDIVISION = 64
-"""Maximum reduction of the spacing. If a step is still too large, the path is refused."""
+"""Maximum factor by which added samples reduce the spacing. If a joint's step is still too large,
+the path is refused."""
 
 
 class PathError(ValueError):
@@ -145,7 +146,8 @@ def joint_path(
             solutions = kinematics.inverse(run.pose(distance), guess)
             if not len(solutions) or np.max(np.abs(solutions[0] - guess)) > MAX_JOINT_STEP:
                 raise PathError(
-                    f'no solution at {distance / distances[-1] * 100.0:.3g} % of {name}'
+                    f'no joint positions near the previous ones at '
+                    f'{distance / distances[-1] * 100.0:.3g} % of {name}'
                 )
             exact[index] = solutions[0]
         return exact

@@ -23,7 +23,7 @@ from epson_driver.tool_motion.pose_path import BlendError, PosePath, arc, line, 
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, timed_run
 
 MOVE_TIME_TOLERANCE = 1e-6
-"""Accepted excess of a motion's minimum duration over its move_time, relative to the latter."""
+"""Fraction of its move_time by which a motion's minimum duration may exceed the move_time."""
 
 MOVE_FRACTIONS = (0.8, 0.5, 0.3)
 """Fractions of the move_time for which a tool motion is planned, in this order. The first planned

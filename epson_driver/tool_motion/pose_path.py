@@ -25,7 +25,8 @@ MIN_BEND_M = 1e-5
 """Minimum distance of an arc's middle point from the line between its ends."""
 
 HALF_TURN_MARGIN_RAD = 1e-6
-"""Difference from π below which a turn is about the axis whose largest component is positive."""
+"""Difference from π below which a turn counts as a half turn. The axis of a half turn is chosen so
+that its largest component is positive."""
 
 
 SHORTEST_PATH = 1e-6
@@ -209,7 +210,7 @@ def runs(segments: Sequence[PosePath], blends: Sequence[float]) -> list[Run]:
     radii = [0.0, *blends, 0.0]
     for index, (segment, (start, end)) in enumerate(zip(segments, pairwise(radii), strict=True)):
         if max(segment.length, segment.angle) < SHORTEST_PATH:
-            raise BlendError(index, 'the tool is already there')
+            raise BlendError(index, 'the tool is already at the target')
         if start + end > segment.length:
             words = ' and '.join(f'{radius:g} m' for radius in (start, end) if radius > 0.0)
             raise BlendError(
@@ -247,10 +248,11 @@ def _part(path: PosePath, first: float, last: float) -> PosePath:
 
 
 def _corner(before: PosePath, after: PosePath, radius: float) -> PosePath:
-    """Return the blend of a corner, from `radius` m before it to `radius` m after it.
+    """Return a smooth curve that replaces the corner between two segments.
 
-    The blend has twice the radius as its length, which is slightly more than the real length. The
-    position and the turn, a rotation vector in the frame at the corner, are polynomials.
+    It starts `radius` m before the corner and ends `radius` m after it. Its length counts as twice
+    the radius, slightly more than the real length. The position, and the rotation vector from the
+    orientation at the corner, are polynomials.
     """
     entry, exit_ = 1.0 - radius / before.length, radius / after.length
     corner = before.pose(1.0)

@@ -13,7 +13,7 @@ UNIT_TOLERANCE = 1e-3
 """Maximum difference between the length of a quaternion and 1."""
 
 PLACE = 'numbers; a taught point is robot.points[name]'
-"""Form of a pose, or of joint positions, in error texts."""
+"""Description of a pose, or of joint positions, in error texts."""
 
 MAX_TOOL_M = 10.0
 """Maximum distance of a tool from the flange."""

@@ -106,7 +106,7 @@ def timed_run(
 
 
 def _part_limits(part: PosePath, tool: ToolLimits) -> PartLimits:
-    """Return limits for the motion along a part. With them, the tool respects its own limits."""
+    """Return the limits along a part of a path with which the tool respects its own limits."""
     size = size_of(part)
     powers = size ** np.arange(1, 4)[:, None]
     samples = np.array(

@@ -107,7 +107,7 @@ REFUSED = {
     ),
     'joints there already': (
         to_joints(READY, blend_radius=0.01),
-        'the joints are already there',
+        'the joints are already at the target',
     ),
     'longer than the path': (
         to_joints(READY + 0.1 * np.eye(6)[0], blend_radius=0.2),
@@ -119,7 +119,7 @@ REFUSED = {
     ),
     'tool, too short': (to_pose(move_time=0.02), r'LINEAR_CARTESIAN: '),
     'out of reach': (to_pose((2.0, 0.0, 0.0)), 'out of reach'),
-    'there already': (to_pose((0.0, 0.0, 0.0)), 'the tool is already there'),
+    'there already': (to_pose((0.0, 0.0, 0.0)), 'the tool is already at the target'),
     'no arc': (to_pose((0.0, 0.1, 0.0), via=(0.0, 0.05, 0.0)), 'no arc from'),
     'outside': (to_joints(READY + np.eye(6)[0] * 9.0), 'joint_1: target 9 is outside'),
 }

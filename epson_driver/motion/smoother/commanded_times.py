@@ -28,7 +28,7 @@ CATCH_UP_RATIO = 1.25
 """Usual ratio of the speed to the commanded speed while a motion makes up a delay."""
 
 MAX_CATCH_UP_RATIO = 6.0
-"""Maximum of this ratio, used if the motion would otherwise end late."""
+"""Maximum ratio of the speed to the commanded speed, used if the motion would end late."""
 
 CATCH_UP_BISECTIONS = 4
 

@@ -30,10 +30,11 @@ from epson_driver.motion.smoother.request import NEWTON_STEP_US, ROW_US, Effort
 
 MAX_ITERATIONS = 40
 RELATIVE_TOLERANCE = 2e-3
-"""Accepted excess of a row, and by default accepted fraction of the time that could be saved."""
+"""Tolerance of a solution: excess of a row over 1, and by default the part of the time that could
+still be saved."""
 
 ACCEPTED_ROW_EXCESS = 2e-2
-"""Excess of a row that is accepted after the last iteration."""
+"""Excess of a row over 1 that is accepted after the last iteration."""
 
 SPEED_COST_EXPONENT = 8
 """Exponent p of the cost of a high speed."""

@@ -27,19 +27,19 @@ BACKWARD_SPEED = 1e-9
 """Maximum backward u̇ that counts as rounding instead of a reversal."""
 
 LIMIT_TOLERANCE_SHARE = 1e-7
-"""Rounding at a velocity, acceleration or jerk limit, relative to it."""
+"""Tolerance for rounding at a velocity, acceleration or jerk limit, relative to it."""
 
 POSITION_TOLERANCE = 1e-12
-"""Rounding at a position limit, rad."""
+"""Tolerance for rounding at a position limit, rad."""
 
 JUMP_TOLERANCE = 1e-9
-"""Rounding of u between two pieces of a timing."""
+"""Maximum jump of u between two pieces of a timing that counts as rounding."""
 
 KNOT_TOLERANCE = 1e-12
 """Distance in u below which a path knot counts as at the end of a piece."""
 
 PASSAGE_TOLERANCE = 1e-15
-"""Accuracy of the passage of a knot, in u or in s."""
+"""Accuracy of the time at which a timing passes a knot, in u or in s."""
 
 MAX_HALVINGS = 16
 """Maximum number of halvings of a span. After it, the span's hull counts as its usage."""

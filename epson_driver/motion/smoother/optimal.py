@@ -47,14 +47,15 @@ MAX_KNOTS = 4
 """Maximum number of path knots between two nodes at which the limits are constraints."""
 
 START_INTERVALS = 10
-"""Number of intervals after a start in motion that have no reserve, except half of the jerk's."""
+"""Number of intervals after a start in motion without these reserves, except half of the jerk's.
+"""
 
 FINER_RATIO = 1.03
 """Ratio of a value to its limit above which the first round adds nodes at this place."""
 
 COARSE_RATIO = 1.3
-"""Ratio above which the first round only adds nodes, because sparse nodes hide the allowed
-speed."""
+"""The first round only adds nodes if a ratio of a value to its limit is above this, because sparse
+nodes hide the allowed speed."""
 
 FINAL_INTERVALS = 4
 """Intervals at the end without additional nodes, so that the ramp to rest is unchanged."""

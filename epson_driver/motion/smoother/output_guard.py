@@ -21,10 +21,10 @@ import numpy as np
 from epson_driver.motion.limits import Array, JointLimits
 
 LIMIT_TOLERANCE_SHARE = 1e-6
-"""Rounding at a velocity or acceleration limit, relative to it."""
+"""Tolerance for rounding at a velocity or acceleration limit, relative to it."""
 
 POSITION_TOLERANCE = 5e-9
-"""Rounding at a position limit, rad."""
+"""Tolerance for rounding at a position limit, rad."""
 
 
 class Motion(NamedTuple):

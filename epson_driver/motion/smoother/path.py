@@ -48,7 +48,7 @@ _SHIFT_EXPONENTS = np.maximum(np.subtract.outer(range(DEGREE + 1), range(DEGREE 
 """Exponents of s in (x + s)ⁿ = Σ binomial(n, k) sⁿ⁻ᵏ xᵏ, in row k and column n."""
 
 POSITION_TOLERANCE = 5e-13
-"""Rounding at a position limit, rad."""
+"""Tolerance for rounding at a position limit, rad."""
 
 AT_LIMIT_DISTANCE = 1e-6
 """Distance from a position limit, rad. A joint that is closer at a knot must not move there."""
@@ -74,8 +74,8 @@ minimum, the fourth Bernstein coefficient is inside the limit by at least MIN_TU
 third one's excess."""
 
 _TURN_SAMPLES = np.geomspace(0.02, 50.0, 128)
-"""Samples of s / (1 - s) for the search for this minimum. s is the distance from the other knot,
-(0, 1)."""
+"""Samples of s / (1 - s) for the search for this minimum curvature. s is the distance from the
+other knot, (0, 1)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,7 +25,7 @@ from epson_driver.motion.time_parametrisation import State, TimeParametrisation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Request:
-    """A planning request: start from a state, follow a path along k knots, then pass m points."""
+    """Request to plan the motion from a state to rest, along k path knots and through m points."""
 
     start: float | None
     """Start time of the plan on the smoother's clock, s. None: the arm is at rest, and the motion
@@ -107,7 +107,7 @@ class ActivePlan:
         )
 
     def clock(self, time: float) -> float:
-        """Return the commanded time of the position at `time`, s, by interpolation of `clocks`."""
+        """Return the time at which the position at `time` should be reached, s (see `clocks`)."""
         u, _, _ = self.timing.at(time - self.start)
         return float(np.interp(u, self.path.knots.u, self.clocks))
 
@@ -115,13 +115,13 @@ class ActivePlan:
 MAX_EFFORT_US = 46_000
 
 NEWTON_STEP_US, ROW_US = 90, 0.032
-"""Fixed effort of a Newton step of `interior_point`, and additional effort per row."""
+"""Fixed effort of a Newton step of `interior_point`, and additional effort per row, µs."""
 
 VERIFICATION_US, PIECE_US = 600, 2.5
-"""Fixed effort of verifying a timing, and additional effort per piece."""
+"""Fixed effort of verifying a timing, and additional effort per piece, µs."""
 
 OUTSET_US, ROUND_US = 2_500, 1_500
-"""Effort of preparing a path and its speed bounds, and fixed effort of a round of Newton steps."""
+"""Effort of preparing a path and its speed bounds, and fixed effort of a round, µs."""
 
 
 @dataclass(slots=True)

@@ -16,8 +16,8 @@ from epson_driver.motion.smoother.request import Problem
 
 ACCELERATION_SHARE = 0.8
 CURVATURE_SHARE = 0.7
-"""ACCELERATION_SHARE: used fraction of the acceleration limit. CURVATURE_SHARE: fraction of the
-acceleration limit that q″u̇² alone may use, and of the jerk limit that q‴u̇³ may use."""
+"""ACCELERATION_SHARE: fraction of the acceleration limit that is used. CURVATURE_SHARE: fraction
+of the acceleration limit that q″u̇² alone may use, and of the jerk limit that q‴u̇³ may use."""
 
 MIN_SAMPLES = 160
 """Minimum number of samples of a path. There are at least two per segment."""

@@ -20,7 +20,7 @@ MIN_MOVE = 5e-7
 """Minimum move of an arm at rest, rad or m. Less is ignored, because messages carry float32."""
 
 POSITION_TOLERANCE = 1e-9
-"""Rounding at a position limit, rad or m."""
+"""Tolerance for rounding at a position limit, rad or m."""
 
 
 class Mode(StrEnum):
@@ -107,7 +107,7 @@ class Waypoints:
         self._number += 1
 
     def waiting_since(self) -> float:
-        """Return the time at which the first waiting point began to wait for a start from rest, s.
+        """Return the time since which the first point ahead waits for a start from rest, s.
 
         For a point that was merged into the origin before the rest, it is the start of the rest.
         """
