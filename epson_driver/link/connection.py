@@ -111,7 +111,7 @@ class AnyFramer(Protocol):
 
 @dataclass(frozen=True)
 class Receivers:
-    """Callbacks of a connection. If one raises an exception, the connection ends with it."""
+    """Callbacks of a connection. An exception of a callback ends the connection."""
 
     data: Callable[[bytes], None]  # called with the bytes of each read, before parsing
     packet: Callable[[Any], None]  # called with each valid packet

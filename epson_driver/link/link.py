@@ -210,10 +210,10 @@ class Link:
             return
         received_order = self._connection.framer.byte_order
         if self._written not in (None, dialect):
-            self.reconnect(f'sent as {self._written}, but the state is {dialect}')
+            self.reconnect(f'sent {self._written}, but the state port uses {dialect}')
         elif received_order not in (None, dialect.byte_order):
             self.reconnect(
-                f'received {received_order.name.lower()} endian, but the state is {dialect}'
+                f'received {received_order.name.lower()} endian, but the state port uses {dialect}'
             )
 
     def reconnect(self, why: str) -> None:

@@ -73,8 +73,8 @@ _log = logging.getLogger(__name__)
 class RtmcLink(Link):
     """A Link to an RC800, which passes its state and unexpected failures to `on_packet`.
 
-    `limits`: of the robot, with the joints that the controller uses. `model`: its name. `cycle`:
-    time between two targets, s. The link is lost if no message arrives for `timeout` s.
+    `limits`: limits of the joints that the controller uses. `model`: name of the robot model.
+    `cycle`: time between two targets, s. The link is lost if no message arrives for `timeout` s.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class RtmcLink(Link):
             self._motion.follow(stream)
 
     def stop(self, on_reply: OnReply) -> None:
-        """Discard all points, and brake. `on_reply` is called soon after."""
+        """Discard all points, and brake. `on_reply` is called when the new targets are set."""
         self._check_connected()
         self._motion.stop()
         self._confirm(on_reply)

@@ -37,15 +37,15 @@ NO_REPLY = f'no reply for {REPLY_TIMEOUT_S:g} s'
 
 FILL_PERIOD_S = 0.01
 HOLD_S = 0.08
-"""The motion mode stays enabled for this time and that of a full buffer after a motion, s. The
-controller's buffer and its servos follow the last target with a delay."""
+"""Time for which the motion mode stays enabled after a motion, in addition to the time of a full
+buffer, s. The servos follow the last target with a delay."""
 
 END_TIMEOUT_S = 1.0  # maximum time besides braking before this side closes the connection, s
 AT_REST_ATTEMPTS = 50  # attempts to enable the motion mode, which needs an arm at rest
 
 MOVED = 0.01
-"""Maximum difference of the joints at the start of a motion from those reported before, rad or m.
-Goals are checked against the latter."""
+"""Maximum difference between the joints at the start of a motion and the last reported joints,
+against which the goal was checked, rad or m."""
 
 BUFFER = BUFFER_SIZES[-1]
 
@@ -57,7 +57,7 @@ _log = logging.getLogger(__name__)
 class Peer(Protocol):
     """The connection to the controller.
 
-    * session: the current one, or None.
+    * session: current session, or None.
     * joints, joints_at: joints of the last reply, and its time, s.
     * load: mass, kg, inertia, kg m², and eccentricity, mm, that each motion sets, or None.
     * closing: whether no further motion may start.

@@ -19,9 +19,9 @@ from epson_driver.processes.command import module_command
 
 SAFE_DOMAINS = range(1, 102)  # ports below the ephemeral range of every common system
 MAX_CLAIMS = 5
-"""Maximum number of domains that this process claims. A claim is only needed until participants
-have started in the domain. Until it ends, no other process can choose the domain, and two
-simultaneous test runs have eight processes that choose."""
+"""Maximum number of domains that this process claims at the same time. A claim prevents other
+processes, such as a second test run, from choosing the domain before its participants have
+started."""
 
 claims: deque[socket.socket] = deque()  # the oldest first
 
@@ -31,7 +31,7 @@ EXECUTABLE = tuple(module_command('epson_driver.cli'))  # to be followed by a na
 
 
 class RunError(RuntimeError):
-    """The run cannot continue. The text of the error is the reason."""
+    """A process failed to start, or ended. The text of the error is the reason."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def free_ros_domain() -> int:
 
 
 def port_beside(domain: int) -> int:
-    """Return an unused UDP port of a claimed domain, below the system's ephemeral range."""
+    """Return a claimed domain's UDP port that is free for a server, because DDS never uses it."""
     return _first_port(domain) + 6
 
 

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The conditions for each request of Real-time Motion Control, and the reasons for a refusal.
+"""Conditions under which a controller accepts Real-time Motion Control's requests, and refusals.
 
-Source: readme.md of EPSON's client library ("Request Acceptance Conditions"), whose rows give
-the order of the checks. An exception is the motion mode, which is checked last: it ends with an
-E-stop, an open safeguard or an error, and EPSON's demo expects these as the reason then.
+Source: readme.md of EPSON's client library ("Request Acceptance Conditions"). The conditions are
+checked in the order of its table, but the motion mode is checked last. An E-stop, an open
+safeguard or an error ends the motion mode, and EPSON's demo expects this cause as the reason.
 """
 
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class Detail(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """Conditions of a request.
+    """Conditions under which the controller accepts a request.
 
     `mode`: required state of the motion mode (None: either).
     """
@@ -78,7 +78,7 @@ del CONDITIONS[Request.STATUS_NOTICE], CONDITIONS[Request.JOINTS_NOTICE]
 
 ENABLE = Conditions(checked=True, mode=None, safe=True)
 DISABLE = Conditions(checked=True, mode=None)
-"""Conditions of SET_MODE, which depend on its low word (1, 0)."""
+"""Conditions of SET_MODE with the low word 1 (ENABLE) and 0 (DISABLE)."""
 
 REMEDIES: dict[Refusal, str] = {
     Refusal.NOT_AUTO: 'the operation mode is not Auto: select Auto',
@@ -95,7 +95,7 @@ The texts of EXECUTION errors are in DETAILS.
 """
 
 DETAILS: dict[tuple[int, int], str] = {
-    (Request.CONNECT, Detail.PASSWORD): 'the password is wrong: set the one of the controller',
+    (Request.CONNECT, Detail.PASSWORD): 'the password is wrong: use the one of the controller',
     (Request.CONNECT, Detail.NO_OPTION): 'the option is not enabled: enable it in RC+',
     **{
         (request, Detail.REMOTE_IO): 'remote I/O is assigned to standard I/O: unassign it in RC+'
@@ -147,5 +147,5 @@ def sentence(request: int, low: int) -> str:
     if reason in REMEDIES:
         return REMEDIES[Refusal(reason)]
     if reason == Refusal.EXECUTION:
-        return DETAILS.get((request, detail), 'the controller did not execute it: see its error')
+        return DETAILS.get((request, detail), 'the request failed: see the error in RC+')
     return f'unknown reason {low:#06x}'

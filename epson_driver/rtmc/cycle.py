@@ -20,17 +20,18 @@ MAX_SPREAD = 0.1  # maximum spread of a measurement, relative to its result
 MIN_CYCLE_S, MAX_CYCLE_S = 5e-4, 0.1
 
 MAX_FILLING = 100
-"""Maximum number of answers that report a buffer with room, before the samples. After these, the
-expected cycle is an upper limit of the measured one."""
+"""Maximum number of replies that report free space in the buffer, before the measurement. After
+these, the measured cycle must be shorter than the expected cycle, or is ignored."""
 
 PACE_SHARE, PACE_TARGETS = 1.05, 10
-"""Tolerance of the pace: share of the time, and number of targets (the controller's buffer)."""
+"""If targets are taken faster than in the cycle, the time may differ by this factor, plus the time
+of this number of targets (the controller's buffer)."""
 
 _log = logging.getLogger(__name__)
 
 
 class CycleMeter:
-    """Measures the cycle of one controller. `expected`: cycle to assume before that, s."""
+    """Measures the cycle of one controller. `expected`: cycle before a measurement, s."""
 
     def __init__(self, expected: float) -> None:
         self.cycle = expected
@@ -76,9 +77,9 @@ class CycleMeter:
         return bool(self._times) and (self._measured or len(self._times) == SAMPLES)
 
     def _measure(self) -> None:
-        """Measure the cycle. The expected cycle remains if the replies are too irregular.
+        """Measure the cycle. Keep the expected cycle if the replies are too irregular.
 
-        It also remains if the buffer never became full, unless the measured cycle is shorter.
+        Also keep it if the buffer never became full, unless the measured cycle is shorter.
         """
         times, half = np.array(self._times), SAMPLES // 2
         slopes = np.sort(times[half:] - times[:-half]) / half

@@ -120,10 +120,7 @@ class RtmcMessage:
 
 
 def decode(data: bytes) -> RtmcMessage:
-    """Return the message.
-
-    Raises RtmcError if the bytes are not exactly one complete message.
-    """
+    """Return the message in `data`. Raises RtmcError if it is not exactly one complete message."""
     if len(data) < _HEADER.size:
         raise RtmcError(f'{len(data)} bytes: a message has at least {_HEADER.size}')
     encapsulation, number, low, high, size = _HEADER.unpack_from(data)

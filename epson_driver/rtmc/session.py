@@ -69,7 +69,7 @@ class RtmcSession:
         return sent
 
     def receive(self, data: bytes, time: float) -> None:
-        """Process a message. Raises RtmcError if it is invalid or answers another request."""
+        """Process a message. Raises RtmcError if it is invalid or unexpected."""
         message = decode(data)
         number = message.number
         if number in (Request.STATUS_NOTICE, Request.JOINTS_NOTICE):

@@ -174,7 +174,7 @@ class FixedLayout:
         }
         only = len(self._forms) == 1 and len(self._several) <= 1
         self._only_form = self._forms[0] if only else None
-        """The only variant. None if the numbers of values in the message select one."""
+        """The only variant of a body, or None if there are several."""
         self._readers: dict[tuple[int, ByteOrder], BodyReader] = {}
         make = _writable(message_class)
         for form, dialect in product(self._forms, DIALECTS):

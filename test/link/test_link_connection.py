@@ -237,7 +237,7 @@ async def test_link_used_in_another_byte_order_than_the_state_reconnects(sends):
         link.follow(other)
         await until(lambda: peer.connections == 2)
         await until(lambda: link.connected)
-        assert ', but the state is' in harness.reasons('backing_off')[0]
+        assert ', but the state port uses' in harness.reasons('backing_off')[0]
         assert len(harness.reasons('backing_off')) == 1
 
 
