@@ -14,7 +14,7 @@ from itertools import count
 Action = Callable[[], None]
 
 MIN_TIMERS_TO_SWEEP = 64
-"""Number of stored timers from which cancelled timers are removed."""
+"""Minimum number of stored timers at which cancelled timers are removed."""
 
 
 class Timer:

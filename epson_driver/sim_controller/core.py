@@ -120,7 +120,7 @@ class RealTime(Protocol):
         """Whether Real-time Motion Control controls the arm."""
 
     def react(self) -> None:
-        """React to a change of the condition."""
+        """End the motion if the controller's condition now forbids it, and send the new status."""
 
     def boot(self) -> None:
         """Restart after a power cycle of the controller."""
@@ -245,9 +245,9 @@ class Controller:
             yield self._command_window
 
     def client_connected(self) -> None:
-        """React to a new motion client.
+        """Abort a command of `$Execute`, because a client of the motion port connected.
 
-        An arm that was waiting for a client resumes its motion.
+        An arm that was waiting for such a client resumes its motion.
         """
         self._end_command('a client of the motion port connected')
         if self.profile.server.lost_client == 'brake':
@@ -397,7 +397,7 @@ class Controller:
 
     @property
     def error_number(self) -> int:
-        """The error shown. During an E-stop, a loaded program shows TASK_ABORTED."""
+        """The error number shown. During an E-stop, a loaded program shows TASK_ABORTED."""
         if self.condition.estopped and self.profile.program.loaded:
             return ErrorNumber.TASK_ABORTED
         return self._error or self.errors.number

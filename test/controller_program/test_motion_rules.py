@@ -170,8 +170,10 @@ BAD = {
     'far outside': Bad(point(0, (3e38,)), 'joint_1 = 3e+38 rad is outside', 'limits', 4001),
     'wrong sequence': Bad(point(9, THERE), 'out of sequence: it must be', 'sequence'),
     'no download': Bad(point(LAST, THERE), 'no download is active', 'special'),
-    'unknown negative': Bad(point(-5, THERE), 'the negative sequences are -1 to -4', 'special'),
-    'most negative': Bad(point(-(2**31), THERE), 'negative sequences are -1 to -4', 'special'),
+    'unknown negative': Bad(point(-5, THERE), 'a negative sequence must be -1 to -4', 'special'),
+    'most negative': Bad(
+        point(-(2**31), THERE), 'a negative sequence must be -1 to -4', 'special'
+    ),
     'topic': Bad(point(0, THERE, comm_type=TOPIC), 'must be a request, not a topic', 'header'),
     'STOP as topic': Bad(point(STOP, comm_type=TOPIC), 'must be a request', 'built-in'),
     'reply code': Bad(point(0, THERE, reply_code=1), 'reply_code = 1: must be 0', 'header'),

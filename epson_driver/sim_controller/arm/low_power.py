@@ -59,7 +59,7 @@ class LowPower:
 
 
 def low_power_caps(reach: Array, fraction: float = 1.0) -> LowPower:
-    """Return the caps of a robot.
+    """Return the Power Low caps of a robot whose joints have the given reach.
 
     `fraction`: the part of the low-power tool speed that the robot may use.
     """

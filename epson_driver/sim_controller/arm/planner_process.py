@@ -74,7 +74,7 @@ class PlannerProcess:
                 await child.end()
 
     def ask(self, request: Request, limits: JointLimits, answer: Answer) -> None:
-        """Request a plan.
+        """Request a plan, with which `answer` is called later, or with None if planning fails.
 
         Raises RuntimeError if another request is pending or the planner is not ready.
         """
@@ -139,7 +139,7 @@ class PlannerProcess:
 class _Child:
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         if process.stdin is None or process.stdout is None or process.stderr is None:
-            raise ValueError('a process with three pipes is needed')
+            raise ValueError('the planner process was started without pipes')
         self._process = process
         self._requests = process.stdin
         self._answers = process.stdout
@@ -162,7 +162,7 @@ class _Child:
         self._requests.write(packed(value))
 
     async def receive(self) -> Any:
-        """Raise PlannerError if the process has exited or has sent invalid bytes."""
+        """Return the next plan. Raises PlannerError if the process exits or sends bad bytes."""
         try:
             return await next_value(self._answers, PASSED_TYPES)
         except (OSError, EOFError):

@@ -57,7 +57,7 @@ class TargetMotion:
     def take_target(self) -> str | None:
         """Move to the next target, or stay if there is none.
 
-        Return the limit that forbids the target, or None.
+        Return which limit the target exceeds, or None.
         """
         limits = self.limits
         target = self.targets.popleft() if self.targets else self.position
@@ -103,7 +103,7 @@ class TargetMotion:
     def set_position(self, position: Array) -> None:
         """Set the position of an arm at rest. Raises RuntimeError if it moves."""
         if self.moving:
-            raise RuntimeError('the arm moves')
+            raise RuntimeError('the position can only be set at rest')
         self.position = position
         self.velocity = self._acceleration = np.zeros_like(position)
 

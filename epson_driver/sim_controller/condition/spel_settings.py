@@ -26,7 +26,7 @@ DEFAULTS_AFTER = (Event.MOTORS_ON, Event.RESET, Event.STOP, Event.BOOT)
 
 
 class SpelSettings:
-    """The settings.
+    """Current values of the SPEL+ settings.
 
     speed, accel: initial values of Speed and Accel, fractions (0, 1] of the limits.
     """

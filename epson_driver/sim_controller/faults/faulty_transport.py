@@ -33,7 +33,7 @@ class _Delayed:
 
 
 class FaultyTransport:
-    """The messages of one connection. No fault changes their order.
+    """A connection whose messages are affected by faults. No fault changes their order.
 
     `transmit` writes to the socket immediately. `hang_up` closes the connection and is called at
     most once, possibly within `send`. `is_reply` determines whether a message is a reply.

@@ -84,7 +84,7 @@ class IoPoints:
         return self._values[known][index]
 
     def write(self, io_type: int, index: int, value: int) -> None:
-        """Raise IoError, and change nothing, if the point or the value is not writable."""
+        """Set a point. Raises IoError, and changes nothing, if an argument is invalid."""
         kind, known = self._checked(io_type, index)
         if not kind.writable:
             raise IoError(

@@ -179,7 +179,7 @@ _log = logging.getLogger(__name__)
 
 
 class IoSession:
-    """The session of one client.
+    """The session of one client of the I/O port.
 
     `available` returns why requests are currently refused, or None.
     """

@@ -236,7 +236,7 @@ class MotionProgram(Program):
         if point.sequence == LAST:
             return corrupt('no download is active')
         if point.sequence < 0 and point.sequence != STREAMING:
-            return corrupt('the negative sequences are -1 to -4')
+            return corrupt('a negative sequence must be -1 to -4')
         following = None if self._accepted is None else self._accepted + 1
         if point.sequence in (0, STREAMING, following) or not self._profile.check_sequence:
             return None

@@ -48,8 +48,8 @@ NOTICE_PERIOD_S = 0.1
 """Period of the status notice, s. It is also sent after each change."""
 
 MAX_WAITS = 50
-"""Maximum number of cycles for which a late simulation waits, until the buffer is full again. A
-client that sends no more must not hold it up longer."""
+"""Maximum number of cycles for which a late simulation waits for the client to fill the buffer. A
+client that sends nothing must not delay it longer."""
 
 BUSY_S = 0.1
 """Time after a delay of the simulation during which the machine counts as busy, s."""
@@ -375,7 +375,7 @@ class RtmcPort:
     # State.
 
     def react(self) -> None:
-        """React to a change of the controller's condition."""
+        """End the motion if the controller's condition now forbids it, and send the new status."""
         condition = self._controller.condition
         allowed = condition.mode is Mode.AUTO and condition.door is Door.CLOSED
         on = allowed and condition.motors is Motors.ON

@@ -128,7 +128,7 @@ class StraightLeg:
     def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion:
         """Return the motion from rest at `start`.
 
-        If no straight line is possible, it is a slow motion in joint space.
+        If the tool cannot move on a straight line, the motion is slow and straight in joint space.
         """
         try:
             return self.motion(start, low_power)

@@ -236,7 +236,7 @@ class RobotPoints:
         result = self._solutions(point, self._pose(point), usual)
         fitting = result if free else [item for item in result if self._fits(point, item)]
         if not len(fitting):
-            why = ': in another posture it is not' if len(result) else ''
+            why = ': another posture can reach it' if len(result) else ''
             raise SpelError(UNREACHABLE, f'{point} is out of reach{why}')
         return np.asarray(min(fitting, key=lambda item: float(np.linalg.norm(item - near))))
 
