@@ -34,7 +34,7 @@ class CommandError(RuntimeError):
 
 
 async def _nothing_waits() -> None:
-    """Return immediately."""
+    """Default of `all_received`, for clients whose goals arrive immediately."""
 
 
 class ArmCommands:

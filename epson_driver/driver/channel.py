@@ -160,7 +160,7 @@ def make_motors(
     turns: RemoteTurns | None = None,
     login: Login | None = None,
 ) -> Motors:
-    """Return the object that switches the motors and resets errors.
+    """Return the object that switches the controller's motors and resets its errors.
 
     `login`: opens a shared session on the remote port. None: each action logs in separately.
     """

@@ -50,7 +50,7 @@ class Configuration:
 
     def __post_init__(self) -> None:
         if self.statements and not self.remote_port:
-            raise ValueError('remote_port = 0: this controller has no other interface')
+            raise ValueError('remote_port = 0: must be a port, as only Remote Ethernet is used')
         if self.real_time and not self.joint_mapping.identity:
             raise ValueError(
                 'parameters joint_signs, joint_offsets, j23_factor: EPSON controllers use the '
@@ -59,7 +59,7 @@ class Configuration:
 
     @property
     def statements(self) -> bool:
-        """Whether only Remote Ethernet is used, because the controller runs no program."""
+        """Whether the driver sends SPEL+ statements, because the controller runs no program."""
         return self.delivery.interface == 'statements'
 
     @property

@@ -176,7 +176,7 @@ class Driver:
             await self.goal_queue.close()
 
     async def shut_down(self) -> None:
-        """Stop the arm within SHUT_DOWN_TIMEOUT_S. Switch the motors off if it still moves."""
+        """Stop the arm within SHUT_DOWN_TIMEOUT_S. If it then still moves, cut its power."""
         self.gate.close('the driver is shutting down')
         deadline = self._now() + SHUT_DOWN_TIMEOUT_S
         try:
@@ -383,7 +383,7 @@ class Driver:
             self.servo.withdraw()
 
     def _on_link(self, name: str, state: LinkState, why: str) -> None:
-        """Handle a new state of a link. `name`: state, motion, or remote (both roles)."""
+        """Handle a new state of a link. `name`: state, motion, or remote (one link for both)."""
         if name != 'motion' and state is not LinkState.CONNECTED:
             self.robot.clear()
             self.heartbeat.reset()

@@ -25,7 +25,7 @@ class Purpose(Flag):
     * RUN: keep the gate open and motion running.
     * GOAL: accept a goal although joints are unavailable during a motion.
     * READY: accept a goal or plan it, from known joint positions.
-    * ALONE: accept a goal that must not replace another goal. START: start a goal.
+    * ALONE: accept a goal only if no other goal runs. START: start a goal.
     * STREAM: start a stream of setpoints. FOLLOW: send the next setpoint.
     * LET_GO: keep a stream for which STOP was sent, for example after a silence.
     * RESUME: resume a paused goal.
@@ -106,7 +106,9 @@ MANUAL = Inhibit(Cause.MANUAL_MODE, Remedy.TURN_TO_AUTO, 'the key switch is at M
 
 
 def second_driver(who: str) -> Inhibit:
-    return Inhibit(Cause.SECOND_DRIVER, Remedy.RENAME, f'a second driver uses its names: {who}')
+    return Inhibit(
+        Cause.SECOND_DRIVER, Remedy.RENAME, f'a second driver uses the same names: {who}'
+    )
 
 
 def main_ended(status: Status, errors: ErrorTexts) -> Inhibit:

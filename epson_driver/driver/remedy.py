@@ -11,7 +11,7 @@ class Remedy(Enum):
 
     NONE = ''
     CONNECT = 'start the controller, or check its address and ports'
-    FIX_LOGIN = 'set password_variable to an environment variable with the password of RC+'
+    FIX_LOGIN = 'set password_variable to the name of a variable with the password of RC+'
     CHECK_STATE_SERVER = 'check whether the state server of the controller is running'
     KEEP_AWAY = 'keep away, press the E-stop, and find the cause'
     RELEASE_ESTOP = 'release it, reset, then enable the arm'
@@ -20,7 +20,7 @@ class Remedy(Enum):
     CLOSE_SAFEGUARD = 'close it, reset or continue at the controller, then enable the arm'
     CHOOSE_CONTROL_DEVICE = 'select Remote Ethernet as the control device in RC+'
     START_MAIN = 'start main, or enable the arm'
-    RENAME = 'end one, or give each its own name or namespace (a killed one disappears in 20 s)'
+    RENAME = 'end one, or give each its own name or namespace (after a kill, wait 20 s)'
     LOOK_AT_CONTROLLER = 'check the controller'
     TURN_TO_AUTO = 'turn it to AUTO, then enable the arm'
     ENABLE = 'enable the arm'

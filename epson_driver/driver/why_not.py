@@ -103,7 +103,7 @@ class InhibitTable:
         return Inhibit(Cause.STOP_FAILED, Remedy.KEEP_AWAY, text)
 
     def _condition(self, _now: float) -> Inhibit | None:
-        """Return the second driver, or the condition of the controller, that prevents enabling."""
+        """Return why the arm cannot be enabled: a second driver, or the controller's state."""
         if self.second is not None:
             return self.second
         status, errors = self._status, self.robot.errors
@@ -155,7 +155,7 @@ class InhibitTable:
         return None if self.stopper.delivery.resumes else self._denied(now)
 
     def _ended(self, now: float) -> Inhibit | None:
-        """Return the inhibit if the SPEL+ program ended during a motion, as points may remain."""
+        """Return the inhibit if the SPEL+ program ended during a motion, else None."""
         ended = self.robot.main_ended and (self.goals.busy or self.servo.active)
         return self._denied(now) if ended else None
 
@@ -206,7 +206,7 @@ _NEED_PASSWORD = (RemoteErrorNumber.PASSWORD, RemoteErrorNumber.PASSWORD_NEEDED)
 def _silence(
     cause: Cause, what: str, now: float, newest: float | None, timeout: float
 ) -> Inhibit | None:
-    """Return the inhibit if there is no state message in the last `timeout` s."""
+    """Return the inhibit for a missing `what`, or one whose time `newest` is too long ago."""
     if newest is None:
         return Inhibit(cause, Remedy.CHECK_STATE_SERVER, f'no {what}')
     if now - newest < timeout:

@@ -57,12 +57,12 @@ async def test_enable_with_motors_on_needs_no_remote_port():
 @pytest.mark.invariant(10)
 async def test_inv10_second_driver_with_the_same_names_stops_and_prevents_enable():
     async with cell() as (harness, _):
-        driver, refused = harness.driver, 'a second driver uses its names: the other; RENAME'
+        driver, refused = harness.driver, 'a second driver uses the same names: the other; RENAME'
         goal = harness.submit(pose(0.5), step=5.0)
         await harness.until_moving()
         driver.second_driver = lambda: 'the other'
         driver.check_second_driver()
-        assert 'a second driver uses its names' in (await goal.end()).text
+        assert 'a second driver uses the same names' in (await goal.end()).text
         assert await driver.stopper.wait(1.0)
         assert await harness.rests()
         assert await rejection(harness.commands.enable()) == refused

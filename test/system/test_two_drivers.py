@@ -51,14 +51,14 @@ def test_inv10_second_driver_of_a_name_stops_both_and_no_other(tmp_path: Path) -
     try:
         ended, _, text = aborted.result()
         assert ended == 'aborted'
-        assert 'a second driver uses its names: ' in text
+        assert 'a second driver uses the same names: ' in text
         pids = [f'process {process.process_id % 2**16} ' for process in both]
         answers = enable_until(
             left, lambda replies: all(any(pid in text for _, text in replies) for pid in pids)
         )
         assert not is_enabled(answers)
         for process in both:
-            assert 'a second driver uses its names: ' in process.log_text()
+            assert 'a second driver uses the same names: ' in process.log_text()
         left.wait_for(
             lambda: any(
                 value.value == 'SECOND_DRIVER'

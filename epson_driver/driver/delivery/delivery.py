@@ -58,7 +58,7 @@ WHOLE_PERCENT = 0.01  # minimum of the SPEL+ statement `Speed`, 1 %, as a fracti
 def delivery_rules(
     profile: ControllerProfile, interface: Interface, message: str
 ) -> DeliveryRules:
-    """Return the rules for a controller. `message`: value of the parameter `point_message`."""
+    """Return the rules for sending points to a controller as messages of type `message`."""
     motoman = profile.program.kind == 'motoman'
     full = message == 'joint_traj_pt_full'
     usual = profile.program.interface
@@ -93,7 +93,7 @@ def delivery_rules(
 
 @dataclass(frozen=True)
 class PreparedTrajectory:
-    """A trajectory and its messages. `delay`: time from the first message to the motion, s."""
+    """A trajectory and its messages. `delay`: time from its first message to the motion, s."""
 
     trajectory: Trajectory
     messages: Sequence[Message]  # may be created on access (LazyPoints)
@@ -119,7 +119,7 @@ class Delivery(ABC):
 
     @abstractmethod
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """Return the messages for a checked trajectory of an arm at `start` (shape (n,), rad)."""
+        """Return the messages for a checked trajectory. `start`: the arm's position, (n,), rad."""
 
     def setpoint(self, step: Trajectory, sequence: int) -> Message:
         """Return the message for one setpoint of a stream, with the number `sequence`.

@@ -106,7 +106,7 @@ class StatementDelivery(Delivery):
         self.arm: Kinematics | None = None  # for detecting straight lines; None: none is detected
 
     def set_load(self, load: Load | None) -> None:
-        """Set the payload that each motion sets. None: the controller's."""
+        """Set the payload that each motion sets. None: the controller's payload applies."""
         self._load = load
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
@@ -145,7 +145,7 @@ class StatementDelivery(Delivery):
             self._remote.abort(on_answer)
 
     def joints(self, target: Array, speed: float, acceleration: float) -> str:
-        """Return the statements of a joint move. `speed`, `acceleration`: of the maximum."""
+        """Return the statements of a joint move. Its arguments are fractions of the maximum."""
         percent, ramp = _percent(speed), _percent(acceleration)
         text = f'Speed {percent}; Accel {ramp}, {ramp}; Go {self._point(target)}'
         return f'{self._settings}; {text}'
@@ -190,7 +190,7 @@ class StatementDelivery(Delivery):
 def _straight(arm: Kinematics, positions: Array, duration: float) -> ToolLimits | None:
     """Return the speeds of a plan along a straight line of tool 0, or None for any other plan.
 
-    positions: shape (k, n), rad or m, the first of which is the start. duration: of the plan, s.
+    positions: shape (k, n), rad or m, the first one is the start. duration: the plan's, s.
     """
     poses = [arm.forward(row) for row in positions]
     path = line(poses[0], poses[-1])

@@ -33,7 +33,7 @@ class Tolerances:
         velocity_error: Array,
         unit: Callable[[int], str] = lambda _: 'rad',
     ) -> str | None:
-        """Return the worst violation as text, or None. Position errors come first."""
+        """Return the worst excess of a tolerance as text, or None. Position errors come first."""
         for quantity, errors, limits, per in (
             ('position', position_error, self.position, ''),
             ('velocity', velocity_error, self.velocity, '/s'),
@@ -241,13 +241,13 @@ class Arrival:
         self._departed |= float(self._distance.max()) >= self._min_excursion
 
     def reached(self, *, at_rest: bool) -> bool:
-        """Return whether the arm has moved and is at the goal. `at_rest`: reported at rest."""
+        """Return whether the arm moved and is at the goal. `at_rest`: it is reported at rest."""
         if not (self._departed and (at_rest or self._came_closer())):
             return False
         return bool(np.all(self._distance <= self._goal.goal_tolerance))
 
     def _came_closer(self) -> bool:
-        """Return whether the joint with the longest move has covered half of its distance."""
+        """Return whether the joint with the longest move is at least halfway to the goal."""
         distance = self._distance
         start = distance if self._start is None else self._start
         joint = int(np.argmax(start))

@@ -120,7 +120,7 @@ class GoalExecution:
 
     @property
     def desired(self) -> tuple[float, Array, Array] | None:
-        """The current plan time, s, and the planned positions, rad, and velocities, rad/s."""
+        """Plan time, s, planned positions, rad, and velocities, rad/s. None before the start."""
         if self._schedule is None:
             rest = self._paused_at
             return None if rest is None else (self._reached, rest, np.zeros_like(rest))
@@ -147,9 +147,9 @@ class GoalExecution:
     def start(
         self, prepared: PreparedTrajectory, now: float, position: Array | None = None
     ) -> None:
-        """Send the first point, unless the goal has been stopped. `position`: of the arm, rad.
+        """Send the first point, unless the goal has been stopped. `position`: the arm's, rad.
 
-        Raises GoalRejectedError if the planned speed is required, but not supported.
+        Raises GoalRejectedError if the controller cannot execute the plan at its speed.
         """
         if self.state is not GoalState.PREPARING:
             return
@@ -170,7 +170,7 @@ class GoalExecution:
 
     @cached_property
     def _arrival(self) -> Arrival:
-        """Check of whether the arm is at the goal. Created late, when the trajectory is final."""
+        """Check whether the arm is at the goal. It is created when the trajectory is final."""
         return Arrival(self.goal)
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
@@ -317,8 +317,8 @@ class GoalExecution:
     def _check_cause(self, robot: RobotState, gap: float) -> None:
         """End a rejected goal with the cause from the first STATUS after the rejection.
 
-        `gap`: time since the last call, s. A longer gap than half the timeout counts as half, so
-        that a STATUS that arrived while this process was not scheduled is read before the timeout.
+        `gap`: time since the last call, s. At most half the timeout is counted, so that a STATUS
+        that arrived while this process was not scheduled is read before the timeout.
         """
         status = robot.status
         report = status is not None and robot.status_time > self._rejected_at
@@ -390,8 +390,8 @@ class GoalExecution:
     def _rest_time(self, *, reported: bool) -> float:
         """Return how long the arm must have been at rest at the goal, s.
 
-        The report of the controller is enough if it replied that the motion is over, or if the arm
-        was measured away from the goal and the report belongs to this standstill.
+        The report of the controller is enough if it replied that the motion is over, or if it
+        reported this standstill after the arm was away from the goal.
         """
         if not reported:
             return UNREPORTED_REST_TIME_S

@@ -55,7 +55,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(eq=False)
 class GoalHandle:
-    """A goal in the queue."""
+    """A submitted goal, its execution and, when it has ended, its outcome."""
 
     goal: Goal
     on_end: Callable[[Outcome], None]  # called once, with the outcome
@@ -80,6 +80,7 @@ class GoalQueue:
     """Executes one goal at a time. `start_tolerance`, rad, and `settings` may change at any time.
 
     `on_broken_off(outcome, unanswered)` is called if the arm must be enabled again after a goal.
+    `unanswered`: the controller has not replied to a message.
     """
 
     def __init__(
@@ -410,7 +411,7 @@ class GoalQueue:
         self._changed.notify_all()
         handle.on_end(outcome)
         if not aftermath.at_rest:
-            self.end_waiting(f'the goal before it did not stop the arm: {outcome.text}')
+            self.end_waiting(f'the previous goal did not stop the arm: {outcome.text}')
         elif outcome.end is End.SUCCEEDED:
             self._stopper.goal_reached()
         if self._stopper.over:

@@ -269,10 +269,10 @@ def _writing(item: IoSetting) -> Message:
 
 
 BIT, BYTE, WORD = range(3)
-"""Ranges of a request, in the second byte of its low word."""
+"""Codes for the size of a value. A request has the code in the second byte of its number."""
 
 VALUES = (struct.Struct('<B'), struct.Struct('<B'), struct.Struct('<H'))
-"""Layout of a value, by range."""
+"""Layouts of a value of size BIT, BYTE and WORD."""
 
 MOVING = 'the arm moves, and Real-time Motion Control accepts I/O requests at rest only'
 

@@ -141,7 +141,7 @@ def rejection(io_type: int, index: int, value: int | None, ranges: Ranges) -> Io
 def shown(
     ranges: Ranges, types: Sequence[IoType], *, grouped: bool
 ) -> Iterator[tuple[IoRange, int, list[IoAddress]]]:
-    """Yield the readable ranges, how many points one value contains, and the addresses to read.
+    """Yield each readable range, how many points one of its values contains, and its addresses.
 
     If groups consist of digital points (`grouped`), the digital points are read as groups, and the
     values of all groups are computed from the digital points (`packed`). At most MAX_SHOWN points

@@ -229,7 +229,7 @@ class Servo:
         if setpoint.positions is not None and not self._is_at(setpoint.positions):
             if (inhibit := self._why_not(Purpose.LET_GO, now)) is not None:
                 return self._refuse(setpoint, inhibit.cause, inhibit.text_with_remedy)
-            text = f'it holds its position: it must move, or pause for {RELEASE_S:g} s first'
+            text = f'it holds a position: it must move, or be silent for {RELEASE_S:g} s first'
             return self._refuse(setpoint, 'far', text)
         return None
 
@@ -292,7 +292,7 @@ class Servo:
         return None
 
     def _why_too_far(self, setpoint: Setpoint, sample: JointSample) -> str | None:
-        """Return which joint is too far from the setpoint or from its own range, or None."""
+        """Return which joint is too far from the setpoint or outside its own range, or None."""
         limits, tolerance = self._limits, self.settings.start_tolerance
         inside = np.clip(sample.positions, limits.position_min, limits.position_max)
         target = inside if setpoint.positions is None else setpoint.positions
@@ -388,8 +388,8 @@ class Servo:
             return
         session.behind_logged = True
         _log.warning(
-            'the arm is %.2g s behind the stream on %s (gap or too fast), catching up at most at '
-            '%g times its speed (servo.catch_up) and %g of the limits (servo.scale)',
+            'the arm is %.2g s behind the stream on %s (gap or too fast). It catches up at up to '
+            '%g times the speed of the stream (servo.catch_up) and %g of the limits (servo.scale)',
             behind,
             session.source,
             self.settings.catch_up,
@@ -534,8 +534,8 @@ class Servo:
     ) -> tuple[ServoTarget, Array | float]:
         """Return the target at `now`, and the maximum speed as fractions of the limits.
 
-        The tracker will advance by `dt` s in steps of `step` s. If the setpoint has a window, the
-        target is taken later than `now` by the arm's lag, to make up for this lag.
+        The tracker will advance by `dt` s in steps of `step` s. If the setpoint contains several
+        points, the target is taken later than `now`, to compensate for the arm's lag.
         """
         speed, lead = self._fastest(session, factor), self._stopper.delivery.lead
         if session.setpoint.window is None:
@@ -643,7 +643,7 @@ class Servo:
         unanswered: bool = False,
         unexplained: bool = False,
     ) -> None:
-        """Stop and disable the arm, because the controller may or may not execute its points."""
+        """Stop and disable the arm, because it is unknown which of its points will be executed."""
         self._session = None
         self._stopper.stop()
         outcome = Outcome(End.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, why, unexplained)

@@ -40,7 +40,7 @@ class ServoSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """The next k ≥ 2 points of a stream, from one message."""
+    """Several upcoming points of a stream (k ≥ 2), which arrived in one message."""
 
     times: Array  # since the arrival of the message, strictly increasing, shape (k,), s
     positions: Array  # shape (k, n), rad or m
@@ -73,7 +73,7 @@ class Setpoint:
     def holds(self) -> bool:
         """Whether this is a setpoint that asks the arm to stay at one position.
 
-        Its velocities are zero, and all positions in its window are equal.
+        Its velocities are zero, and all its upcoming positions (`window`) are equal.
         """
         if self.positions is None:
             return False
@@ -129,7 +129,7 @@ class Setpoint:
         )
 
     def beyond(self, limits: JointLimits, fastest: Array) -> str | None:
-        """Return a text with the first joint whose target exceeds its range or speed, or None."""
+        """Return a text with the first joint whose target exceeds its range or `fastest`."""
         if self.positions is not None:
             values, low, high, what = (
                 limits.settled(self.positions),
@@ -173,7 +173,7 @@ def contradiction(
 
 
 def _too_fast(velocities: Array, limits: JointLimits, what: str) -> str | None:
-    """Return a text with the first joint that is faster than MAX_SPEED_FACTOR, or None."""
+    """Return a text with the first joint above MAX_SPEED_FACTOR times its limit, or None."""
     too_fast = np.argwhere(np.abs(velocities) > MAX_SPEED_FACTOR * limits.velocity)
     if not too_fast.size:
         return None
@@ -207,7 +207,7 @@ class ArrivalMonitor:
     def missed(self, number: int | None, arrival: float) -> bool:
         """Return whether messages were lost between the previous message and this one.
 
-        `number`: the message's publication_sequence_number, or None if the middleware has none.
+        `number`: the message's publication_sequence_number, or None if it is unknown.
         """
         gap, self._last_arrival = arrival - self._last_arrival, arrival
         if number is None:

@@ -34,7 +34,8 @@ LAG_S = 0.034
 before and after the position are known."""
 
 LAG_IN_REAL_TIME_S = 0.002
-"""The same for an arm with a target in each control cycle. The position is extrapolated."""
+"""Age of the followed position if the arm gets a target in each control cycle, s. The stream is
+extrapolated to this age."""
 
 LAG_WITH_VELOCITIES_S = 0.004  # the same if the setpoints have velocities
 FRESH_S = 0.07  # time for which a setpoint is extrapolated, s. After it the arm stops there
@@ -128,7 +129,7 @@ class StreamFilter:
         self._speed = speed
 
     def _fitted(self) -> tuple[Array, ...]:
-        """Return the fit (`_fit`) to the positions minus the integrated velocities."""
+        """Fit the setpoints' positions minus their integrated velocities. Returns `_fit`."""
         differences = self._positions - self._integral
         count = differences.shape[1]
         chosen = np.zeros((4, count))
@@ -154,7 +155,7 @@ class StreamFilter:
         return tuple(chosen)
 
     def aim(self, now: float, ahead: float = 0.0, lead: float = 0.0) -> ServoTarget:
-        """Return the target `lead` s after `now`. `ahead`: excess length of this step, s."""
+        """Return the target `lead` s after `now`. `ahead`: how much too long this step is, s."""
         times, limits = self._times, self._limits
         age = float(now - times[-1])
         self._age = age - ahead
@@ -216,7 +217,7 @@ class StreamFilter:
 
 
 def _line(times: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Fit a line to each column. Return fits as in `_fitted`, and which leave only noise."""
+    """Fit a line to each column. Return `_fit`, and whether each column's residuals are noise."""
     middle = times.mean()
     offsets = times - middle
     mean = values.mean(axis=0)
@@ -296,7 +297,7 @@ time until the next setpoint at rates of 30 Hz and more."""
 
 
 class StreamReference:
-    """Positions and velocities over time, from one position setpoint or its window.
+    """Positions and velocities over time, from one position setpoint and its upcoming points.
 
     All values are clipped to the limits. Times are relative to the arrival of the setpoint, s.
     `estimate`: velocities, shape (n,), used if the setpoint has neither velocities nor a window.
@@ -329,7 +330,7 @@ class StreamReference:
         return max(self._times[-1], 0.0)
 
     def aim(self, time: float, dt: float, limits: JointLimits) -> ServoTarget:
-        """Return the target for a step of `dt` s to `time`, bounded by later points and a stop."""
+        """Return the target at `time`, for a step of `dt` s, within the range of later points."""
         position, velocity = self.at(time)
         acceleration = (velocity - self.at(time - dt)[1]) / dt
         end, speed = self.at(max(time, self._times[-1]))

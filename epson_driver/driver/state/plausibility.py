@@ -78,8 +78,8 @@ class JointBounds:
                 unit = self.units[joint]
                 return (
                     f'{self.names[joint]} is reported to have jumped by '
-                    f'{value - before[joint]:.6g} {unit} in {elapsed:.3g} s: possible '
-                    f'are {farthest:.3g} {unit}'
+                    f'{value - before[joint]:.6g} {unit} in {elapsed:.3g} s: the '
+                    f'maximum is {farthest:.3g} {unit}'
                 )
         return None
 
@@ -90,7 +90,7 @@ class JointBounds:
             if abs(value) > self.fastest[joint]:
                 return (
                     f'{self.names[joint]} is reported to move at {value:.6g} '
-                    f'{self.units[joint]}/s: possible with margin are '
+                    f'{self.units[joint]}/s: the maximum with margin is '
                     f'{self.fastest[joint]:.3g}'
                 )
         return None

@@ -78,7 +78,7 @@ class JointSample:
 
 @dataclass(frozen=True, slots=True)
 class StateRules:
-    """Rules for the controller's state messages."""
+    """Timing of the controller's state messages, and limits for their plausibility check."""
 
     period: float = 0.005  # first estimate of the time between two messages, s
     limits: JointLimits | None = None  # for the plausibility check; None: none
@@ -265,7 +265,7 @@ class RobotState:
         return None
 
     def _step(self, now: float, passed: float | None) -> None:
-        """Update the clock with a message. `passed`: time since the last by the time stamps, s."""
+        """Update the clock with a message. `passed`: time since the last one by its stamp, s."""
         if self._received and now - self._received > (1 + LATE_SLOTS) * self._clock.period:
             if self._calm >= CALM_MESSAGES:
                 self._calm_until = self._received
@@ -279,7 +279,7 @@ class RobotState:
             self._measured += shift
 
     def _passed(self, time_stamp: float | None, longest: float) -> float | None:
-        """Return the time between the last two time stamps, s, or None if implausible."""
+        """Return the time since the previous stamp, s. None if implausible or above `longest`."""
         before, self._time_stamp = self._time_stamp, time_stamp
         if time_stamp is None or before is None:
             return None

@@ -20,9 +20,9 @@ BLOCK_TIME_S = 0.25
 FIRST_BLOCK_TIME_S = 0.05
 MIN_BLOCK_MESSAGES = 8
 MAX_BLOCKS = 8
-"""Maximum number of blocks of an envelope. Each block contributes its least delayed message. A
-block has at least MIN_BLOCK_MESSAGES messages, and takes at least BLOCK_TIME_S. The first blocks
-take at least FIRST_BLOCK_TIME_S, because the configured period may be far off."""
+"""Maximum number of blocks of messages in an envelope, which contains the least delayed message of
+each block. A block has at least MIN_BLOCK_MESSAGES messages in at least BLOCK_TIME_S. The first
+blocks take at least FIRST_BLOCK_TIME_S, because the configured period may be far off."""
 
 MIN_LINE_POINTS = 3  # minimum number of envelope points to which a line is fitted
 MIN_ENVELOPE_S = 0.75  # minimum envelope for a period, s. A shorter one only gives bounds
@@ -39,8 +39,8 @@ LATE_SLOTS = 3  # delay above which a message counts as late, in slots (message 
 DECISION_SLOTS = 4  # slots from a late message to the next evaluated spacing
 
 MAX_PAUSES = 4
-"""Maximum number of successive pauses with fewer than MIN_LINE_POINTS envelope points between
-them. If there are more, the assumed period is wrong."""
+"""Maximum number of pauses before the envelope has MIN_LINE_POINTS points. If it is exceeded, the
+assumed period is wrong, and a new one is estimated."""
 
 MIN_SPACING_S = 1e-6  # minimum time between two messages, s, because ROS time stamps must differ
 
@@ -111,11 +111,11 @@ class SenderClock:
         return shift
 
     def _after_gap(self, arrival: float, tolerance: float, again: bool) -> float:
-        """Decide from a message after a late one whether the sender paused.
+        """Determine, from the next messages after a late one, whether the sender paused.
 
-        Returns the duration of the pause, or 0 if the sender did not pause or this is still
-        undecided. `again`: the spacing before this message is also too long, so the two messages
-        were not delayed together.
+        Returns the duration of the pause, s, or 0 if the sender did not pause or this is still
+        unknown. `again`: the time since the previous message is also too long. A network delay
+        would have ended with a burst instead.
         """
         late = arrival - self._offset - self.time
         since = self.time - (self.gap or 0.0)
@@ -206,7 +206,7 @@ class SenderClock:
 
 
 class RequestClock:
-    """SenderClock for a state that is sent only on request. It counts as measured on arrival."""
+    """Clock of state messages sent on request only. They count as measured when they arrive."""
 
     gap: float | None = None
 
@@ -217,7 +217,7 @@ class RequestClock:
         self._usual = period
 
     def step(self, arrival: float, _reported: float | None = None) -> float:
-        """Process a message. Returns 0, because earlier times need no correction."""
+        """Process a message. Returns 0, because no pause of the sender is ever detected."""
         spacing = arrival - self.measured
         if self.measured and spacing > self._usual / 2.0:  # less: two replies to one request
             self.period = max(self._usual, spacing)

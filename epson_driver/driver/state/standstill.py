@@ -14,11 +14,11 @@ REST_TIME_S = 0.05
 VELOCITY_WINDOW_S, the window in which velocities are estimated."""
 
 UNCONFIRMED_REST_TIME_S = 1.0
-"""The same if the controller has not acknowledged STOP, s. It is longer, because the controller
-may still execute earlier points."""
+"""Duration of a standstill that counts as rest after a STOP without acknowledgement, s. It is
+longer, because the controller may still execute earlier points."""
 
 UNREPORTED_REST_TIME_S = 0.2
-"""The same for an arm at a goal if the controller does not report whether the arm moves, s."""
+"""Standstill that counts as rest at a goal if the controller never reports in_motion, s."""
 
 MIN_MOVEMENT_RAD = 1e-4  # minimum change that counts as motion. Encoders are finer
 
@@ -46,7 +46,7 @@ class Standstill:
         self._rest_position: Array = np.zeros(0)
 
     def expect(self, after: float | None, rest: float = REST_TIME_S) -> None:
-        """Restart the detection. Samples count if measured after `after`. None: none counts."""
+        """Restart the detection. Samples measured later than `after` count. None: none yet."""
         self._after = after
         self._rest = rest
         self._still = self._since = None

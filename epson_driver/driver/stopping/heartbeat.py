@@ -26,7 +26,7 @@ BEAT = 0.05  # period of the heartbeats as a fraction of the timeout
 
 BUSY = 'this machine is too busy: '
 REMEDY = ', end other programs or allow a higher priority (docs/troubleshooting.md)'
-"""BUSY and REMEDY are put before and after the text of the first reported stall."""
+"""Remedy that follows the first reported stall, after BUSY and the time of the stall."""
 
 FIRST_VERSION = (0, 2)  # first version of the controller program that supports heartbeats
 

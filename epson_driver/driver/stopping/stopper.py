@@ -138,7 +138,7 @@ class Stopper:
 
     @property
     def doubt(self) -> str | None:
-        """Why it is uncertain that the last stop has succeeded, or None."""
+        """Why it is uncertain whether the last stop has succeeded, or None."""
         if self._unsent is not None and not self._acknowledged:
             return f'STOP could not be sent: {self._unsent}'
         if self._rejection is not None:

@@ -69,8 +69,8 @@ async def test_catch_up_factor_limits_the_speed_after_a_stall(stream, stalled_dr
         assert deviation < 0.012  # rad (0.04 without the bound)
         left_behind = harness.driver.servo.counts.left_behind
         assert left_behind > (LEFT_BEHIND_S / PERIOD_S) / 2.0
-    (line,) = [line for line in caplog.messages if 'catching up at most' in line]
-    assert '1.5 times its speed (servo.catch_up)' in line
+    (line,) = [line for line in caplog.messages if 'catches up at up to' in line]
+    assert '1.5 times the speed of the stream (servo.catch_up)' in line
 
 
 PLAN = np.array([0.3, 0.15, -0.2, 0.1, 0.15, -0.3])
