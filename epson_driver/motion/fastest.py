@@ -26,22 +26,22 @@ MAX_INTERVAL_SHARE = 0.6
 MAX_PARTS = 10
 
 MIN_INTERVAL_S = 2e-3
-"""Minimum initial duration of an interval."""
+"""Minimum initial duration of the interval between two knots, s."""
 
 BEND_RATIO = 1.5
-"""Maximum distance of the motion from a chord, as a multiple of the spline's distance from it."""
+"""Maximum distance of the motion from the line between two waypoints, relative to the spline's."""
 
 MIN_BEND = 0.002
-"""Distance from a chord that is always allowed, rad (or m)."""
+"""Distance of the motion from the line between two waypoints that is always allowed, rad (m)."""
 
 NEIGHBOUR_SHARE = 0.25
 """Maximum tolerance at a waypoint, as a fraction of the distance to the nearer neighbour."""
 
 MAX_INTERVALS = 4000
-"""Maximum number of intervals. A larger problem takes minutes to solve."""
+"""Maximum number of intervals between knots. A larger problem takes minutes to solve."""
 
 MAX_PATH_TOLERANCE = 0.5
-"""Maximum tolerance in every joint, rad (or m)."""
+"""Maximum tolerance at a waypoint in every joint, rad (or m)."""
 
 _PLACES = np.linspace(0.0, 1.0, 17)
 

@@ -17,7 +17,7 @@ MAX_ATTEMPTS = 40
 from the position limit."""
 
 MIN_REVERSAL = 1e-9
-"""Distance of the target from the position limit in the first attempt, rad."""
+"""Distance of the target from the position limit in the first attempt to stop and reverse, rad."""
 
 STOP_TOLERANCE = 1e-12
 """Tolerance for rounding at a position limit in a stop, rad."""

@@ -106,7 +106,7 @@ def _joint(
 
 
 MAX_STEP_S = 0.004
-"""Maximum step of the smoother, s. The smoother plans only between two steps."""
+"""Maximum step of the smoother, s. It is short, because the smoother plans only between steps."""
 
 MIN_SEGMENTS = 2
 """Minimum number of segments for `fastest`. For a single segment, the smoother is optimal."""

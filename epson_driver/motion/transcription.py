@@ -378,7 +378,7 @@ class Search:
     def _solve_knots(
         self, systems: Array, right_sides: Array, weights: Array, forces: Array
     ) -> Array | None:
-        """Return the changes of states and h, (m + 1, 3 n + 1), or None if one is not finite."""
+        """Solve for the changes of knot states and durations, (m + 1, 3 n + 1), or return None."""
         (m, n), states = self._size, self._at_knot
         size, of_h = 3 * n + 1, 3 * n
         diagonal, right = np.zeros((m + 1, size, size)), np.zeros((m + 1, size))

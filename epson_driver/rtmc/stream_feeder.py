@@ -16,7 +16,8 @@ from epson_driver.motion.setpoint_tracker import ServoTarget, SetpointTracker
 from epson_driver.rtmc.feeder import STOP_TARGETS, Ring
 
 HORIZON_S = 0.03
-"""Duration of a step, s. It is longer than the time between two commands, which may be late."""
+"""Duration of a step of the tracker, s. It is longer than the time between two commands, which may
+be late."""
 
 LEAD_S = 0.054
 """Time by which the arm is later than a command, with the controller's buffer and a step, s."""
@@ -57,7 +58,7 @@ class StreamFeeder(SetpointTracker):
 
     @property
     def time(self) -> float:
-        """Time since the start of the motion, at the next target that can be replaced, s."""
+        """Time from the start of the motion to the next target that can be replaced, s."""
         return (self._now - self._first) * self._cycle
 
     @time.setter

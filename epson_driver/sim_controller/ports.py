@@ -53,10 +53,10 @@ class Client(Protocol):
         """Send bytes, or drop them if the connection is closed."""
 
     def close(self) -> None:
-        """Close once all bytes are sent."""
+        """Close the connection once all bytes are sent."""
 
     def abort(self) -> None:
-        """Close immediately and drop unsent bytes."""
+        """Close the connection immediately, and drop unsent bytes."""
 
 
 Answer = Callable[[str | SpelError], None]

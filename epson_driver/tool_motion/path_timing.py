@@ -38,8 +38,8 @@ MAX_STRETCH = 100.0
 """Maximum slowdown anywhere on a path. If more is needed, the path is refused."""
 
 LEVELS = (1, 2, 3, 5, 8)
-"""Numbers of speed levels that are tried. The lowest level is the speed of the slowest point. With
-more levels, the speeds are closer to their limits, but less distance is left for changes of it."""
+"""Numbers of speed levels with which a path is tried. The lowest level is the speed at the slowest
+point. With more levels, more speeds are near their limit, but each is held over less distance."""
 
 
 @dataclass(frozen=True, eq=False)

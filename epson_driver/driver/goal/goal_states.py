@@ -159,4 +159,4 @@ AFTERMATH: dict[tuple[GoalState, GoalEvent], FinalArmState] = {
     **{(state, GoalEvent.AT_REST): AT_REST_UNCONFIRMED for state in UNCONFIRMED_STATES},
     **{(state, GoalEvent.NO_REPLY): NO_REPLY for state in RUNNING_STATES | BRAKING_STATES},
 }
-"""State of the arm after each transition that ends a goal. An unlisted one leads to UNKNOWN."""
+"""State of the arm after each transition that ends a goal. Any other leads to UNKNOWN."""

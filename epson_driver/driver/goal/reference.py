@@ -67,7 +67,7 @@ class SpeedScaling:
         self._from, self._target, self._since = start, factor, now
 
     def start_from_rest(self, now: float) -> None:
-        """Increase the factor gradually from 0 to the requested factor, as the arm is at rest."""
+        """Increase the speed factor gradually from 0, because the arm starts from rest."""
         self._from, self._since = 0.0, now
 
     def factor(self, now: float) -> float:

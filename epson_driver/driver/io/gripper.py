@@ -54,7 +54,7 @@ class Gripper:
         return GripperState(opened, closed)
 
     async def move(self, *, opened: bool) -> GripperState:
-        """Open or close the gripper, and wait until it has arrived or holds an object.
+        """Open or close the gripper, and wait until it has reached its end or holds an object.
 
         Returns the state of the gripper.
         """

@@ -289,7 +289,7 @@ class RobotState:
         return passed if self._clock.period / 10 <= passed <= longest else None
 
     def _possible(self, data: tuple[float, ...], longest: float) -> Values:
-        """Return positions in the ROS convention. Raises ValueError if they are implausible."""
+        """Return `data` as positions in the ROS convention. Raises ValueError if implausible."""
         positions = _finite('position', data[: self._joints])
         if not self._mapping.identity:
             positions = self._mapping.positions_to_ros(np.array(positions)).tolist()

@@ -267,7 +267,7 @@ class SerializedMotors:
         return bool(self._tasks)
 
     async def act(self, action: Action, timeout: float) -> None:
-        """Execute an action after all earlier actions. Then the `timeout`, s, starts."""
+        """Execute an action after all earlier actions. The `timeout`, s, excludes this wait."""
         task = asyncio.create_task(self._act(action, timeout))
         self._tasks[task] = None
         task.add_done_callback(self._done)

@@ -27,13 +27,13 @@ from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline, basis
 from epson_driver.motion.time_parametrisation import TimeParametrisation
 
 NODE_SPACING_S = 0.008
-"""Time between two nodes of the spline x(u) in the initial timing."""
+"""Time between two nodes of the spline x(u) in the initial timing, s."""
 
 MAX_RAMP_TIME_S = 0.024
-"""Maximum duration of a ramp: a start from rest or an end at rest with constant jerk."""
+"""Maximum duration of a ramp, s: a start from rest or an end at rest with constant jerk."""
 
 SHORT_RAMP_TIME_S = 0.008
-"""Maximum duration of a ramp in the second attempt."""
+"""Maximum duration of a ramp in the second attempt, s."""
 
 RAMP_VIEW = 3.0
 """Time from a rest for which a ramp's jerk is checked, as a multiple of its maximum duration."""
@@ -47,8 +47,8 @@ MAX_KNOTS = 4
 """Maximum number of path knots between two nodes at which the limits are constraints."""
 
 START_INTERVALS = 10
-"""Number of intervals after a start in motion without these reserves, except half of the jerk's.
-"""
+"""Number of intervals after a start in motion that use the velocity and acceleration limits fully,
+and half of the jerk reserve."""
 
 FINER_RATIO = 1.03
 """Ratio of a value to its limit above which the first round adds nodes at this place."""

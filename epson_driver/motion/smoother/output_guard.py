@@ -65,7 +65,7 @@ _ABOVE, _BELOW, _CHANGE, _SLIP_OF_VELOCITY, _SLIP_OF_POSITION = 0, 1, 4, 5, 6
 
 
 class OutputGuard:
-    """Check of each output against the limits and the previous output. The first is `motion`."""
+    """Checks each output against the limits and the previous output. `motion`: initial state."""
 
     def __init__(self, motion: Motion) -> None:
         self.last = motion

@@ -19,7 +19,7 @@ from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.time_parametrisation import TimeParametrisation
 
 REACHES_IN_BRAKING_DISTANCES = (1.5, 2.0, 3.0, 4.0, 6.0)
-"""Distances to the rest that are tried, as multiples of the shortest braking distance."""
+"""Distances to a stop that are tried, as multiples of the shortest braking distance."""
 
 MIN_SEGMENT_SHARE = 0.1
 """Minimum distance of a rest after a knot, as a fraction of the segment. A rest that would be

@@ -20,8 +20,8 @@ START_DELAY_S = 0.025
 """Delay before a short motion starts from rest, s. More points may arrive during this time."""
 
 MAX_START_DELAY_S = 0.1
-"""Maximum delay of a start from rest, s, used if the points have times and the known motion would
-end before the next plan."""
+"""Maximum delay of a start, s, if the points have times and the arm would stop before the next
+plan."""
 
 MIN_PERIOD_S = 0.03
 """Minimum time between two plans."""
@@ -33,7 +33,7 @@ RESERVE_IN_STOPPING_TIMES = 2.5
 may be replaced."""
 
 URGENT_RESERVE_SHARE = 0.4
-"""Fraction of the reserve at its end. In it, even a plan with a slow motion is accepted."""
+"""A plan with a slow motion is accepted in this last fraction of the reserve only."""
 
 LATE_TOLERANCE_S = 1e-9
 """Maximum time by which a plan may start in the past because of rounding."""

@@ -198,7 +198,7 @@ class Smoother:
 
     @property
     def look_ahead(self) -> float:
-        """Duration of the known motion, s. A segment without a time counts as at full speed."""
+        """Duration of the motion to all points ahead, s, at full speed where no time is given."""
         execution, waypoints = self._execution, self._waypoints
         if execution.plan is None or execution.stopping:
             return waypoints.time_from_rest(execution.now)

@@ -73,7 +73,7 @@ class Waypoints:
         self._before = start
         """Start of the segment to the last waypoint."""
         self._merged_since: float | None = None
-        """Time of the first point that was merged into the origin during the current rest, s."""
+        """Time of the first point that was merged into the arm's position in this rest, s."""
         self._rest_start = 0.0
         self.rest_until = 0.0
         """Commanded end of the rest at the origin, s."""
@@ -158,7 +158,7 @@ class Waypoints:
         return bool(np.max(np.abs(self.origin.position - position)) > MIN_MOVE)
 
     def time_from_rest(self, now: float) -> float:
-        """Return the duration of the known motion from the rest at the origin, s."""
+        """Return the duration of the motion to all points ahead, from rest at the origin, s."""
         rested = self.origin.clock + (self.origin.rest or 0.0)
         return max(self.last.clock - rested, 0.0) + max(self.rest_until - now, 0.0)
 
