@@ -261,7 +261,7 @@ async def test_inv4_two_simultaneous_enables_switch_the_motors_on_once():
         assert harness.gate is None
 
 
-async def test_inv4_disable_cancels_all_enables_and_waiting_ones_send_nothing():
+async def test_inv4_disable_cancels_all_enables_and_queued_ones_send_nothing():
     async with slow_cell(delay=0.1) as (harness, _, remote):
         first = await pending(harness, remote)
         second = asyncio.create_task(enable(harness))
@@ -274,7 +274,7 @@ async def test_inv4_disable_cancels_all_enables_and_waiting_ones_send_nothing():
         assert remote.obeyed == ['SetMotorsOn', 'SetMotorsOff']
 
 
-async def test_reset_waits_for_the_command_of_an_enable():
+async def test_reset_waits_for_the_motor_command_of_an_enable():
     async with slow_cell(delay=0.1) as (harness, _, remote):
         enabling = await pending(harness, remote)
         await harness.commands.reset_error()

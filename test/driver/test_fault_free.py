@@ -46,7 +46,7 @@ async def succeeds(harness, goal):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('factor', [0.1, 0.01])
-async def test_goal_started_at_a_small_factor_succeeds_on_arrival(factor):
+async def test_goal_started_at_a_small_speed_factor_succeeds_on_arrival(factor):
     """The first point has the minimum velocity, which the goal's clock takes into account."""
     async with cell() as (harness, _):
         scale(harness, factor)

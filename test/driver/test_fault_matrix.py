@@ -34,7 +34,9 @@ def name(cell: Cell) -> str:
     ],
     ids=name,
 )
-def test_rules_hold_after_a_fault_in_the_middle_of_a_motion(record_property, cell: Cell) -> None:
+def test_invariants_hold_after_a_fault_in_the_middle_of_a_motion(
+    record_property, cell: Cell
+) -> None:
     record_property('fault and profile', (cell.fault, cell.profile))
     run(play(cell))
 
@@ -48,5 +50,5 @@ def test_rules_hold_after_a_fault_in_the_middle_of_a_motion(record_property, cel
     ],
     ids=name,
 )
-def test_rules_hold_after_a_fault_in_another_phase_or_interface(cell: Cell) -> None:
+def test_invariants_hold_after_a_fault_in_another_phase_or_interface(cell: Cell) -> None:
     run(play(cell))

@@ -33,7 +33,7 @@ async def test_goal_starts_at_its_stamp(options, monkeypatch):
 
 @pytest.mark.invariant(4, 5)
 @pytest.mark.parametrize('what', ['cancel', 'stop', 'disable', 'E-stop', 'cut', 'replace'])
-async def test_inv4_inv5_waiting_goal_ends_and_nothing_moves(what):
+async def test_inv4_inv5_goal_ended_before_its_start_time_moves_nothing(what):
     async with cell() as (harness, controller):
         goal = harness.submit(pose(0.5), ahead=AHEAD_S)
         await asyncio.sleep(AHEAD_S / 2)
@@ -59,7 +59,7 @@ async def test_inv4_inv5_waiting_goal_ends_and_nothing_moves(what):
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_waiting_goal_is_checked_again_at_its_start():
+async def test_inv4_goal_is_checked_again_at_its_start_time():
     async with cell() as (harness, _):
         goal = harness.submit(pose(0.5), start=pose(0.015), ahead=AHEAD_S)
         harness.driver.goal_queue.start_tolerance = 0.01
@@ -68,7 +68,7 @@ async def test_inv4_waiting_goal_is_checked_again_at_its_start():
         assert not harness.at.any()
 
 
-async def test_running_goal_is_stopped_for_a_later_start():
+async def test_running_goal_is_stopped_for_a_goal_with_a_later_start():
     async with cell(smooth=True) as (harness, _):
         first = harness.submit(pose(1.0), step=4.0)
         await harness.until_moving()
@@ -79,7 +79,7 @@ async def test_running_goal_is_stopped_for_a_later_start():
         assert (await second.end()).end is End.SUCCEEDED
 
 
-async def test_late_start_is_reported():
+async def test_late_start_of_a_goal_is_reported():
     async with cell() as (harness, _):
         outcome = await harness.submit(pose(0.1), ahead=-0.5).end()
         assert outcome.end is End.SUCCEEDED

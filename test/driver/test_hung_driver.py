@@ -160,7 +160,7 @@ async def test_stalled_driver_stops_the_arm_and_its_goal_reports_it(kind, points
         several=True,
     ),
 )
-async def test_stream_that_continues_through_a_stall_ends(kind, stream):
+async def test_stream_that_continues_through_a_stall_of_the_driver_ends(kind, stream):
     def setpoint_at(t):
         return velocities(pose(0.3)) if stream == 'velocities' else positions(pose(0.3 * t))
 
@@ -183,7 +183,7 @@ async def test_stream_that_continues_through_a_stall_ends(kind, stream):
 @pytest.mark.parametrize(
     ('share', 'ends'), one_in(2, [(1.001, True), (0.94, False)], several=True)
 )
-async def test_stall_ends_the_goal_only_from_the_timeout_on(kind, share, ends):
+async def test_stall_ends_the_goal_only_if_as_long_as_the_timeout(kind, share, ends):
     """Stalls are repeated, so they start at any time after a heartbeat."""
     async with cell(kind) as (harness, _, arm):
         stall = share * timeout_of(kind)
@@ -207,7 +207,7 @@ async def test_stall_ends_the_goal_only_from_the_timeout_on(kind, share, ends):
 @pytest.mark.parametrize(
     ('share', 'cause'), [(0.1, 'the driver or the network was delayed'), (0.6, HUNG)]
 )
-async def test_timeout_reported_by_the_controller_names_a_detected_stall(share, cause):
+async def test_heartbeat_timeout_of_the_controller_is_reported_with_the_stall(share, cause):
     async with cell('smooth') as (harness, controller, _):
         goal = harness.submit(FAR, step=10.0)
         await harness.until_moving()
@@ -218,7 +218,7 @@ async def test_timeout_reported_by_the_controller_names_a_detected_stall(share, 
 
 
 @pytest.mark.slow
-async def test_first_abort_of_a_driver_names_the_remedy():
+async def test_first_stall_of_a_driver_is_reported_with_the_remedy():
     async with cell('smooth') as (harness, _, arm):
         texts = []
         for _ in range(2):
@@ -269,7 +269,7 @@ async def test_heartbeats_start_before_the_first_point_and_have_their_period():
 
 
 @pytest.mark.slow
-async def test_enable_queries_the_version_again_after_a_wrong_one(monkeypatch):
+async def test_enable_queries_the_program_version_again_after_a_wrong_one(monkeypatch):
     """The controller has received heartbeats on this connection and stops an arm without them."""
     async with cell('from point to point') as (harness, controller, _arm):
         assert (await harness.submit(pose(0.1), step=1.0).end()).end is End.SUCCEEDED
@@ -307,7 +307,7 @@ async def test_other_controllers_receive_no_heartbeats(name, timeout):
     ('name', 'longest'),
     [('generic', 1.2), ('fanuc', 0.7), ('abb', 3.5), ('motoman', 1.2)],
 )
-async def test_other_programs_execute_their_queue_during_a_stall(name, longest):
+async def test_programs_without_heartbeats_execute_their_queue_during_a_stall(name, longest):
     """This is the table of docs/safety.md. A Motoman's queue is 0.8 s and one waiting point."""
     async with cell_of(load_controller_profile(name)) as (harness, controller, _):
         await make_ready(harness, controller)

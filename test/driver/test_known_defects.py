@@ -37,7 +37,7 @@ def names_here(title):
 
 
 @pytest.mark.parametrize('title', ['Topics, services, actions', 'Parameters'])
-def test_migration_targets_exist(title):
+def test_names_on_the_migration_page_are_documented(title):
     documented = (PAGE.parent / 'ros_interface.md').read_text('utf-8')
     names = list(names_here(title))
     assert len(names) > 5
@@ -45,7 +45,7 @@ def test_migration_targets_exist(title):
         assert f'* `{name}` (' in documented
 
 
-def test_migration_target_nodes_exist():
+def test_nodes_on_the_migration_page_exist():
     for name in names_here('Nodes'):
         if ': ' in name:
             parameter, value = name.split(': ')

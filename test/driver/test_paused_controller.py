@@ -53,7 +53,7 @@ async def test_goal_submitted_in_a_pause_is_refused():
         assert (await harness.submit(pose(0.2)).end()).end is End.SUCCEEDED
 
 
-async def test_refused_goal_in_a_pause_does_not_end_the_paused_one():
+async def test_goal_refused_in_a_pause_does_not_end_the_paused_goal():
     async with cell() as (harness, controller):
         paused = harness.submit(pose(0.5))
         await harness.until_moving()
@@ -65,7 +65,7 @@ async def test_refused_goal_in_a_pause_does_not_end_the_paused_one():
         assert (await paused.end()).end is End.SUCCEEDED
 
 
-async def test_motion_possible_before_enable_is_ignored():
+async def test_pause_reported_before_enable_does_not_refuse_goals():
     async with scripted_cell() as (harness, scripted):
         await report(harness, scripted, POSSIBLE)
         await report(harness, scripted, NOT_POSSIBLE)
@@ -80,7 +80,7 @@ async def test_motion_possible_before_enable_is_ignored():
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_goal_ends_with_the_controllers_program():
+async def test_inv4_goal_ends_when_the_program_of_the_controller_ends():
     """Points still in transit would move the arm when a user restarts the program."""
     async with scripted_cell(lambda number: answer(1, number) if number < 0 else b'') as (
         harness,

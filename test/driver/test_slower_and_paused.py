@@ -122,7 +122,7 @@ async def executed(name, trajectory, factor=1.0):
         + [(name, one_point) for name in ('abb', 'generic', 'motoman', 'remote', 'spel')],
     ),
 )
-async def test_inv10_tenth_of_the_speed_is_a_tenth_at_the_arm_or_refused(name, plan):
+async def test_inv10_speed_scaling_of_a_tenth_moves_the_arm_at_a_tenth_or_is_refused(name, plan):
     """It is reached by the speed scaling or by a plan that is ten times as slow."""
     refused, usual = await executed(name, plan(0.5))
     if refused:
@@ -153,7 +153,7 @@ async def jogged(name, factor, speed=0.2, refusal=''):
 
 @pytest.mark.invariant(10)
 @pytest.mark.parametrize('name', one_in(3, ['simulated', 'generic', 'spel', 'rtmc']))
-async def test_inv10_stream_at_a_tenth_of_the_speed_is_a_tenth_at_the_arm(name):
+async def test_inv10_speed_scaling_of_a_tenth_slows_a_stream_to_a_tenth(name):
     speed = 2.0 if name == 'spel' else 0.2  # the minimum of SPEL+ is 1 % of the joint limits
     assert 0.05 * speed <= await jogged(name, 0.1, speed) <= 0.15 * speed
 
@@ -247,7 +247,7 @@ def turns(path, distance=0.2):
         several=True,
     ),
 )
-async def test_inv10_pause_skips_no_point_of_a_path_to_and_fro(
+async def test_inv10_pause_on_a_path_to_and_fro_skips_no_point(
     name, share, smoothing, max_turns, at, monkeypatch
 ):
     """The goal pauses in motion and again, where the rest is replanned, during planning."""
@@ -281,7 +281,7 @@ async def test_inv10_pause_skips_no_point_of_a_path_to_and_fro(
 
 @pytest.mark.invariant(10)
 @pytest.mark.parametrize(('name', 'slow'), [('fanuc', 0.01), ('spel', 0.009)])
-async def test_inv10_accepted_plan_resumes_in_its_slow_part(name, slow, monkeypatch):
+async def test_inv10_plan_paused_in_its_slow_part_resumes(name, slow, monkeypatch):
     """The rest alone would be refused as slower than the controller can move."""
     smooth_in_process(monkeypatch)
     path = np.array([0.0, 0.3, 0.33])
@@ -322,7 +322,7 @@ async def test_inv10_stream_stays_stopped_until_the_pause_ends(name):
         assert harness.gate is None
 
 
-async def test_goal_submitted_in_a_pause_starts_after_it():
+async def test_goal_submitted_during_a_pause_starts_after_the_pause():
     async with robot('simulated') as (harness, controller):
         harness.driver.goal_queue.set_speed(0.0)
         goal = harness.execute(one_point(0.5))
@@ -394,7 +394,7 @@ async def test_inv1_arm_moved_during_a_pause_does_not_resume():
 
 
 @pytest.mark.slow
-async def test_random_pauses_end_in_one_success():
+async def test_goal_with_random_pauses_succeeds_once():
     rng = np.random.default_rng(1)
     async with robot('simulated') as (harness, _):
         goal = harness.execute(slow_path('simulated'))

@@ -114,7 +114,7 @@ def test_tolerance_removes_the_noise_of_a_recording(thin):
         (Smoothing(0.05, True, tolerance=1e-3), 'and timing = as_planned'),
     ],
 )
-def test_tolerance_needs_smoothing_in_the_planned_times(smoothing, words):
+def test_tolerance_is_refused_unless_smoothing_keeps_the_planned_times(smoothing, words):
     if words is None:
         check_tolerance(smoothing)
         return
@@ -190,7 +190,7 @@ def test_error_text_of_the_smoother_process_is_reported():
     ],
 )
 @pytest.mark.invariant(9)
-def test_inv9_failed_process_is_an_error(monkeypatch, code, text):
+def test_inv9_failed_smoothing_process_is_an_error_of_its_goal(monkeypatch, code, text):
     async def start_worker(_module):
         pipe = asyncio.subprocess.PIPE
         return await asyncio.create_subprocess_exec(
@@ -203,7 +203,7 @@ def test_inv9_failed_process_is_an_error(monkeypatch, code, text):
 
 
 @pytest.mark.invariant(9)
-async def test_inv9_failed_start_of_the_process_is_an_error_of_each_goal(monkeypatch, tmp_path):
+async def test_inv9_smoothing_process_that_cannot_start_fails_each_goal(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, 'executable', str(tmp_path / 'no_python'))
     smoother = SmoothingProcess(LIMITS, Smoothing(0.05))
     for _ in range(2):

@@ -156,7 +156,7 @@ async def test_inv5_new_goal_while_planning_replaces_the_first():
 
 
 @pytest.mark.invariant(5)
-async def test_inv5_end_of_the_driver_ends_the_goal_and_the_process(slow):
+async def test_inv5_end_of_the_driver_ends_the_goal_and_the_smoothing_process(slow):
     async with cell(smoothing=RESAMPLE) as (harness, _):
         goal = harness.submit(pose(0.5))
         await until(lambda: slow)
@@ -165,7 +165,7 @@ async def test_inv5_end_of_the_driver_ends_the_goal_and_the_process(slow):
         assert slow[0].returncode == -signal.SIGKILL
 
 
-async def test_repeatedly_cancelled_driver_leaves_no_process(slow):
+async def test_repeatedly_cancelled_driver_leaves_no_smoothing_process(slow):
     async with cell(smoothing=RESAMPLE) as (harness, _):
         harness.submit(pose(0.5))
         await until(lambda: slow)
@@ -179,7 +179,7 @@ async def test_repeatedly_cancelled_driver_leaves_no_process(slow):
         assert process_of(harness)._next is None
 
 
-async def test_killed_process_ends_the_goal_and_the_next_goal_succeeds():
+async def test_killed_smoothing_process_ends_its_goal_and_the_next_goal_succeeds():
     async with cell(smoothing=RESAMPLE) as (harness, _):
         ready = await process_of(harness)._next
         os.kill(ready.pid, signal.SIGKILL)
@@ -219,7 +219,7 @@ async def test_plan_is_refused_if_the_arm_moved_during_planning(monkeypatch):
 
 
 @pytest.mark.slow
-def test_stalled_event_loop_reads_a_new_pose_before_it_starts(monkeypatch):
+def test_stalled_event_loop_reads_new_joints_before_it_starts_a_goal(monkeypatch):
     plan_in_real_time(monkeypatch)
     prepared = SmoothingProcess.prepared
 
@@ -238,7 +238,7 @@ def test_stalled_event_loop_reads_a_new_pose_before_it_starts(monkeypatch):
     run(scenario(), patience=3600.0)
 
 
-async def test_process_exists_only_with_smoothing_and_ends_with_the_driver():
+async def test_smoothing_process_exists_only_if_needed_and_ends_with_the_driver():
     async with cell() as (harness, _):
         assert process_of(harness) is None
     async with cell(smoothing=RESAMPLE) as (harness, _):

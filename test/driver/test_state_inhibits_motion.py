@@ -42,7 +42,7 @@ async def more(harness, count):
     await until(lambda: len(harness.events.samples) >= seen + count)
 
 
-async def test_inv6_single_feedback_does_not_suppress_positions():
+async def test_inv6_single_joint_feedback_does_not_suppress_joint_positions():
     async with scripted_cell(enabled=False) as (harness, scripted):
         for _ in range(3):
             seen = len(harness.events.samples)
@@ -54,7 +54,7 @@ async def test_inv6_single_feedback_does_not_suppress_positions():
             assert any(s.positions[0] > 0.0 for _, s in harness.events.samples[seen:])
 
 
-async def test_feedback_sent_with_each_position_replaces_it():
+async def test_joint_feedback_sent_with_each_joint_position_replaces_it():
     async with scripted_cell(enabled=False) as (harness, scripted):
         for _ in range(20):
             scripted.extra = feedback(0.001, valid=6)
@@ -190,7 +190,7 @@ def test_stalled_event_loop_reads_messages_before_it_checks_their_age(tmp_path):
     run(scenario(), real_time=True)
 
 
-async def test_stalled_process_checks_a_goal_at_one_moment():
+async def test_stalled_process_uses_one_time_for_all_checks_of_a_goal():
     """A pose that is fresh at the first check is not too old at the second."""
     async with cell() as (harness, _):
         robot = harness.driver.robot

@@ -42,7 +42,7 @@ TIMEOUT_S = 0.2
 
 
 @pytest.mark.invariant(6)
-async def test_inv6_process_that_stalls_after_every_step_finds_the_pose_fresh():
+async def test_inv6_state_is_fresh_in_a_process_that_stalls_after_every_step():
     """The pose is judged at one earlier moment, and not when the process runs again."""
     async with cell() as (harness, _):
         robot = harness.driver.robot
@@ -63,7 +63,7 @@ async def test_inv6_process_that_stalls_after_every_step_finds_the_pose_fresh():
 
 
 @pytest.mark.invariant(6)
-async def test_inv6_silent_controller_is_stale_after_the_timeout():
+async def test_inv6_state_of_a_silent_controller_is_stale_after_the_timeout():
     silent_since = now() - 10.0
     moments = []
 

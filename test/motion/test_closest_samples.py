@@ -11,7 +11,7 @@ from epson_driver.motion.closest_samples import closest_sample_indices, passed
 from epson_driver.motion.smoothed import smoothed
 
 
-def test_passages_are_found_between_samples_in_order():
+def test_passages_of_waypoints_are_found_between_samples_in_order():
     times = np.arange(0.0, 2.005, 0.01)
     motion = motion_of(times, lambda times: np.sin(np.pi * times))  # up, down, and up again
     a = [0.0, 0.5, 1.0, 0.5, -1.0, 0.0]

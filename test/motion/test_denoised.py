@@ -87,7 +87,9 @@ def hostile(kind: str, rng: np.random.Generator) -> Trajectory:
 @pytest.mark.parametrize('tolerance', [1e-3, 5e-3, 0.2])
 @pytest.mark.parametrize('kind', ['irregular', 'doubled', 'pauses', 'jumps', 'at_limits', 'huge'])
 @pytest.mark.parametrize('seed', one_in(5, range(5)))
-def test_points_move_by_less_than_the_tolerance(kind: str, tolerance: float, seed: int) -> None:
+def test_denoising_moves_points_by_less_than_the_tolerance(
+    kind: str, tolerance: float, seed: int
+) -> None:
     recorded = hostile(kind, np.random.default_rng([seed, 7]))
     result = denoised(recorded, ARM, tolerance)
     moved = np.abs(result.positions - recorded.positions)
@@ -100,7 +102,7 @@ def test_points_move_by_less_than_the_tolerance(kind: str, tolerance: float, see
         assert np.abs(bend[1]).sum() < np.abs(bend[0]).sum()
 
 
-def test_points_of_a_commanded_rest_stay() -> None:
+def test_denoising_does_not_move_points_of_a_commanded_rest() -> None:
     recorded = recording(1)
     still = recorded.positions.copy()
     times = recorded.times.copy()
@@ -125,7 +127,7 @@ def test_result_has_the_joint_order_of_the_limits() -> None:
 
 
 @pytest.mark.parametrize('count', [1, 2])
-def test_two_points_stay_unchanged(count: int) -> None:
+def test_denoising_does_not_change_two_points(count: int) -> None:
     recorded = recording(3)
     ends = Trajectory(ARM.names, recorded.times[:count], recorded.positions[:count])
     np.testing.assert_array_equal(denoised(ends, ARM, 1e-3).positions, ends.positions)

@@ -46,7 +46,7 @@ def test_scalar_and_array_times_give_equal_values(orders):
             np.testing.assert_allclose(value, values[index], rtol=1e-12, atol=1e-12)
 
 
-def test_cubic_equals_the_interpolation():
+def test_cubic_polynomial_equals_the_interpolated_segment():
     _, (positions, velocities) = sampled(6, 2)
     fraction, h = np.linspace(0.0, 1.0, 9), TIMES[3] - TIMES[2]
     start, end = ((positions[i], velocities[i]) for i in (2, 3))

@@ -38,14 +38,14 @@ def test_inv10_fastest_joint_determines_the_share(velocity, acceleration, joint)
     assert np.all(np.array(share) <= np.array((velocity, acceleration)) + 1e-9)
 
 
-def test_given_accelerations_count_where_points_are_sparse():
+def test_planned_accelerations_count_where_points_are_sparse():
     sparse = 0.1  # the ramp takes 0.02 s
     assert plan_share(plan(sparse, 0.1, 0.5), HOME, LIMITS)[1] < 0.4
     assert plan_share(plan(sparse, 0.1, 0.5, given=True), HOME, LIMITS)[1] == pytest.approx(0.5)
 
 
 @pytest.mark.invariant(10)
-def test_inv10_first_point_with_a_time_is_reached_from_the_arm():
+def test_inv10_share_includes_the_move_to_a_first_point_with_a_time():
     target = Trajectory(LIMITS.names, np.array([2.0]), HOME[None, :] + 0.5)
     velocity, acceleration = plan_share(target, HOME, LIMITS)
     assert velocity == pytest.approx(1.5 * 0.25 / LIMITS.velocity.min())

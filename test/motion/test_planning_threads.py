@@ -54,7 +54,7 @@ def lines(script: str, variables: dict[str, str]) -> list[str]:
 
 
 @pytest.mark.slow
-def test_plans_are_equal_under_another_kernel() -> None:
+def test_plans_are_equal_with_another_linear_algebra_kernel() -> None:
     """docs/smoother.md: the same times, positions within 1e-6 rad."""
 
     def plans(**variables: str) -> list[list[float]]:

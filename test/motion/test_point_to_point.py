@@ -232,7 +232,7 @@ def test_inv2_tiny_move_of_one_joint_does_not_delay_the_others(
 
 
 @pytest.mark.invariant(3)
-def test_inv3_stop_at_rest_stays_there() -> None:
+def test_inv3_stop_of_a_resting_arm_causes_no_motion() -> None:
     start, target = one_joint(1.0)
     motion = go(LIMITS, start, target)
     for time, where in ((0.0, start), (-1.0, start), (motion.duration, target), (99.0, target)):
@@ -310,7 +310,7 @@ def test_deceleration_starts_at_the_highest_speed(
     assert slower[1] < fastest
 
 
-def test_pieces_reproduce_the_motion() -> None:
+def test_pieces_of_constant_jerk_reproduce_the_motion() -> None:
     motion = go(LIMITS, *one_joint(1.3, joint=2), speed=0.4, accel=0.7)
     pieces = motion.pieces
     assert pieces.times[-1] == pytest.approx(motion.duration)

@@ -40,14 +40,14 @@ def impossible():
     return inp
 
 
-def test_ruckig_error_is_no_runtime_error():
+def test_ruckig_error_is_not_a_subclass_of_runtime_error():
     """So `calculated` names RuckigError. If this fails, Ruckig has fixed it."""
     assert not issubclass(RuckigError, RuntimeError | ValueError)
     with pytest.raises(RuckigError):
         Ruckig(1).calculate(impossible(), Trajectory(1))
 
 
-def test_missing_trajectory_is_none_or_a_runtime_error():
+def test_trajectory_that_ruckig_cannot_find_is_none_or_a_runtime_error():
     assert calculated(impossible()) is None
     with pytest.raises(RuntimeError, match='found no trajectory'):
         solve(impossible())
@@ -82,7 +82,7 @@ def test_inv2_joints_stop_independently_if_a_synchronous_stop_fails(monkeypatch)
     assert motion.duration <= together.duration * (1.0 + 1e-9)
 
 
-def test_positions_at_many_times_are_those_at_each_time():
+def test_positions_at_many_times_equal_those_at_single_times():
     motion = fastest_stop(LIMITS, STATE)
     times = np.linspace(0.0, 1.2 * motion.duration, 50)
     expected = [motion.at(time)[0] for time in times.tolist()]

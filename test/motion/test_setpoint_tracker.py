@@ -152,7 +152,7 @@ def test_inv2_positions_shown_by_the_stream_are_not_exceeded(aims):
     run.assert_kept(-walls, walls)
 
 
-def test_nearly_stationary_joint_reverses():
+def test_joint_with_a_tiny_velocity_can_reverse():
     """Its reversal was once computed from a difference that rounding made 0."""
     run, still = Run(), np.zeros((N, 1))
     state = HOME, pose(-1.1137833119019889e-26), pose(-0.0013652513950752798)
@@ -245,7 +245,7 @@ def test_inv2_continued_velocity_rests_at_the_end_of_the_range():
     run.assert_kept()
 
 
-def test_velocities_are_reached_and_reduced():
+def test_commanded_velocities_are_reached_and_reduced():
     run = Run()
     for speed in (1.0, 0.2, -0.5):
         for _ in range(30):

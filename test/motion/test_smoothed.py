@@ -52,13 +52,13 @@ def test_joints_are_reordered_and_the_first_time_kept():
     assert motion.times == pytest.approx(same.times + 0.5)
 
 
-def test_single_point_is_a_rest():
+def test_smooth_motion_through_a_single_point_is_a_rest():
     motion = smoothed(Trajectory(NAMES, np.zeros(1), CURVE[:1]), LIMITS)
     assert np.all(motion.positions == CURVE[0])
     assert len(motion.times) >= 2
 
 
-def test_invalid_numbers_are_rejected():
+def test_invalid_arguments_of_smoothing_are_rejected():
     with pytest.raises(ValueError, match='period = 0'):
         smoothed(PLAN, LIMITS, period=0.0)
     with pytest.raises(ValueError, match='look_ahead = nan'):

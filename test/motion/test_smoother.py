@@ -132,7 +132,7 @@ def test_stop_comes_to_rest_on_the_path() -> None:
     assert np.array_equal(position[-1], HOME)
 
 
-def test_replace_continues_from_the_motion() -> None:
+def test_replacement_continues_from_the_current_motion() -> None:
     smoother = Smoother(LIMITS, HOME)
     for point in arc(40):
         smoother.append(point, 0.05)
@@ -246,7 +246,7 @@ def test_stop_at_the_start_or_end_of_a_plan_has_no_effect(late: float, stops: bo
         assert np.max(np.abs(smoother.motion.position - point)) < 1e-9
 
 
-def test_hold_needs_no_planner() -> None:
+def test_hold_works_without_a_planner() -> None:
     smoother = Smoother(LIMITS, HOME, planner=None)
     for point in arc(60):
         smoother.append(point, 0.05)

@@ -61,7 +61,7 @@ def to_and_fro() -> FamilyMember:
     return list(members('single_joint'))[2]
 
 
-def test_plan_branches_off_the_current_one_if_no_new_one_is_found() -> None:
+def test_plan_branches_off_the_current_plan_if_no_new_plan_is_found() -> None:
     member = to_and_fro()
     _, answers = move(member.limits, member.positions, None, 0.3)
     missing = [request for request, plan in answers if plan is None]
@@ -111,7 +111,9 @@ def test_plan_stays_within_its_effort(name: str, monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize(
     'stations', [(0.0, 0.5), (0.0, 0.1, 0.9), (0.0, 0.3, 0.6, 0.9), (0.0, 0.05, 0.1)]
 )
-def test_short_move_keeps_a_feasible_time(stations: tuple[float, ...], pace: float) -> None:
+def test_short_move_takes_its_commanded_time_if_feasible(
+    stations: tuple[float, ...], pace: float
+) -> None:
     """25 % above the commanded speed does not compensate for the ramps of a short move."""
     positions = np.zeros((len(stations), 6))
     positions[:, 0] = stations

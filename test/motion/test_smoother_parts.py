@@ -336,7 +336,7 @@ def test_stop_that_would_leave_the_range_is_made_per_joint() -> None:
     assert stop.within(slow_joint_limits)
 
 
-def test_move_that_would_leave_the_range_is_none() -> None:
+def test_move_that_would_leave_the_range_is_not_returned() -> None:
     state = (np.array([1.99, 0.0]), np.array([3.0, 0.0]), np.zeros(2))
     assert fastest_move(LIMITS, state, np.array([0.0, 0.0])) is None
 

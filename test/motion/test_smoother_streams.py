@@ -41,7 +41,7 @@ def followed(
 
 @pytest.mark.parametrize('timed', [False, True])
 @pytest.mark.parametrize('period', one_in(5, [0.01, 0.02, 0.05, 0.004, 0.025]))
-def test_arm_starts_soon_at_any_rate(period: float, timed: bool) -> None:
+def test_arm_starts_soon_at_any_rate_of_points(period: float, timed: bool) -> None:
     started, lag, idle = followed(SPEED_RAD_S * period, period, period if timed else None)
     assert started is not None
     # with durations, until the known points last for the planning of the next plan

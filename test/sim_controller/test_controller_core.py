@@ -128,7 +128,7 @@ def test_second_motion_client_is_refused():
 
 
 @pytest.mark.invariant(3, 4)
-def test_inv3_and_4_estop_in_motion_until_enabled_again():
+def test_inv3_and_4_estop_in_motion_stops_the_arm_until_enabled_again():
     harness = moving_harness(point(1, HERE))
     controller = harness.controller
     harness.do('E-stop press')

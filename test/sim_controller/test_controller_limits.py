@@ -198,7 +198,7 @@ def remote() -> Remote:
     return Remote(SimpleNamespace(controller=controller))
 
 
-def test_agl_is_in_mm_and_pls_in_pulses_per_mm(remote: Remote) -> None:
+def test_agl_and_pls_of_a_linear_joint_use_mm(remote: Remote) -> None:
     assert remote('Sim,print,Agl(1),Agl(3)') == '#Sim,28.64789 -50'
     # 131072 pulses in 11.52 mm
     assert remote('Sim,print,Pls(3)') == f'#Sim,{round(-50.0 * 131072 / 11.52)}'

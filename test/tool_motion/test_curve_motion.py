@@ -97,7 +97,7 @@ def test_invalid_samples_are_refused(samples):
 
 
 @pytest.mark.parametrize('length', [1e-6, 1e-3, 0.05, 0.3, 2.0])
-def test_single_part_is_time_optimal(length):
+def test_motion_along_a_single_part_is_time_optimal(length):
     motion = fastest([PartLimits(length, 0.5, 2.0, 20.0)])
     one = np.ones(1)
     limits = JointLimits(('way',), -one, 3 * one, 0.5 * one, 2.0 * one, 20.0 * one)
@@ -105,7 +105,7 @@ def test_single_part_is_time_optimal(length):
 
 
 @pytest.mark.invariant(2)
-def test_random_parts_respect_limits_and_join_smoothly():
+def test_motion_along_random_parts_is_smooth_within_the_limits():
     random = np.random.default_rng(18)
     for _ in range(200):
         parts = [

@@ -57,7 +57,7 @@ def test_line_is_uniform_in_position_and_orientation():
 
 
 @pytest.mark.parametrize('noise', [0.0, 1e-9, -1e-9])
-def test_half_turn_is_positive_despite_rounding(noise):
+def test_half_turn_is_about_the_positive_axis_despite_rounding(noise):
     for axis in np.array([[0.0, 0.0, 1.0], [0.6, 0.0, -0.8], [0.0, -1.0, 0.0]]):
         end = np.eye(4)
         end[:3, :3] = rotation((np.pi + noise) * axis)

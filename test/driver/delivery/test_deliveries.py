@@ -360,7 +360,7 @@ async def test_joint_mapping_applies_to_state_and_points():
 
 
 @pytest.mark.parametrize('name', ['simulated', 'abb', 'motoman'])
-async def test_nothing_is_sent_after_a_disabled_goal_ends(name):
+async def test_nothing_is_sent_after_disable_has_ended_a_goal(name):
     async with cell_of(name) as (harness, _, received):
         goal = harness.execute(dense())
         await until(lambda: len(received) >= 2)
@@ -374,7 +374,7 @@ async def test_nothing_is_sent_after_a_disabled_goal_ends(name):
 # ---- without state messages
 
 
-async def test_byte_order_is_the_profiles_until_a_state_arrives():
+async def test_byte_order_of_the_profile_is_used_until_a_state_arrives():
     async with ScriptedController() as controller:
         fanuc = load_controller_profile('fanuc').byte_order
         harness = Harness(controller.ports, usual_byte_order=fanuc)
@@ -417,7 +417,7 @@ OK, NO = ReplyCode.SUCCESS, ReplyCode.FAILURE
         (reply(MotionReply(0, 3, 14, 9, 77), OK), 'result 9, 77: unknown subcode'),
     ],
 )
-def test_reply_rejection_is_described(packet, text):
+def test_rejecting_reply_is_described_with_its_reason(packet, text):
     assert reply_rejection(packet) == text
 
 

@@ -58,7 +58,7 @@ def test_turn_of_the_tool_in_place_is_one_move_with_rot() -> None:
     assert turn == pytest.approx(FAR / plan.duration, rel=1e-3)
 
 
-def test_other_plans_are_rejected() -> None:
+def test_plan_that_is_no_line_of_the_tool_is_rejected() -> None:
     plan = step(C3, 'X')
     share = np.linspace(0.0, 1.0, len(plan.times))
     bend = np.outer(np.sin(np.pi * share), [2e-3, 0, 0, 0, 0, 0])

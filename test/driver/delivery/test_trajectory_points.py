@@ -74,7 +74,7 @@ def test_start_away_from_the_arm_is_approached_slowly():
     assert first.velocity == FIRST_POINT_VELOCITY_FRACTION
 
 
-def test_download_differs_only_in_sequence_numbers():
+def test_download_differs_from_streaming_only_in_sequence_numbers():
     points = points_of(plan([0.0, 0.5, 1.0], [0.0, 0.2, 0.3]))
     downloaded = download_sequences(points)
     assert [point.sequence for point in downloaded] == [-1, 1, -3]
@@ -181,7 +181,7 @@ def test_first_point_with_time_is_a_segment_from_the_arm_position():
     assert first.velocity == pytest.approx(2.0 / LIMITS.velocity[0])
 
 
-def test_velocity_is_the_fraction_needed_by_the_segment():
+def test_point_velocity_is_the_fraction_that_its_segment_needs():
     points = points_of(trajectory([0, 1, 3], along(1, [0.0, 0.785, 0.0])))
     assert points[1].velocity == pytest.approx(0.1)
     assert points[2].velocity == pytest.approx(0.05)

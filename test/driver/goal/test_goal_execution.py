@@ -59,7 +59,7 @@ def reachable(without=None):
         (GoalState.PAUSED, (GoalEvent.PAUSE,)),
     ],
 )
-def test_state_is_reachable_only_by_its_events(state, events):
+def test_goal_state_is_reached_only_by_its_listed_events(state, events):
     assert state in reachable()
     for event in events:
         assert state not in reachable(without=event), event
@@ -93,7 +93,7 @@ def test_fault_ends_every_state_and_final_states_have_no_transition():
             assert TRANSITIONS[state, event] is GoalState.ABORTED
 
 
-def test_arm_is_at_rest_afterward_only_if_rest_was_seen_and_known_only_if_stop_was_confirmed():
+def test_arm_counts_as_at_rest_after_a_goal_only_if_rest_was_seen():
     """A fault ends a goal with an unknown state of the arm."""
     ends = {pair for pair, state in TRANSITIONS.items() if state in FINAL_STATES}
     faults = {pair for pair in ends if pair[1] is GoalEvent.FAULT}
@@ -171,7 +171,7 @@ def test_goal_does_not_succeed_with_status_older_than_last_reply():
 
 
 @pytest.mark.parametrize('reported', [True, False], ids=['rest reported', 'not reported'])
-def test_reported_rest_at_the_goal_ends_it_without_a_further_wait(reported):
+def test_goal_ends_without_a_further_wait_when_rest_is_reported(reported):
     """A report from before the arm stood still does not end the goal earlier than none."""
     harness = Harness(step=0.1)
     harness.go_and_answer()
@@ -216,7 +216,7 @@ def test_goal_does_not_succeed_while_status_reports_motion():
 
 
 @pytest.mark.parametrize('status', [True, False], ids=['UNKNOWN', 'no status at all'])
-def test_measured_standstill_decides_while_in_motion_is_unknown(status):
+def test_goal_succeeds_by_measured_standstill_while_in_motion_is_unknown(status):
     harness = Harness(in_motion=TriState.UNKNOWN, step=0.1)
     if not status:
         harness.robot.status = None
@@ -254,7 +254,7 @@ def at_the_last_point(seconds_after_the_joints):
     return harness
 
 
-def test_joints_measured_before_last_reply_are_no_standstill():
+def test_joints_measured_before_the_last_reply_do_not_count_as_standstill():
     """At 10 Hz: a status arrives between the reply and the next joints."""
     harness = at_the_last_point(0.001)
     for _ in range(10):
@@ -596,7 +596,7 @@ def test_fault_ends_goal_immediately_and_sends_stop():
 
 
 @pytest.mark.parametrize('sent', [0, 2])
-def test_lost_link_at_a_point_ends_goal(sent):
+def test_goal_ends_if_the_link_is_lost_when_a_point_is_sent(sent):
     harness = Harness(start=False)
     harness.broken = not sent
     harness.start()
@@ -610,7 +610,7 @@ def test_lost_link_at_a_point_ends_goal(sent):
 
 
 @pytest.mark.parametrize('how', ['cancel', 'stop', 'fault', 'refuse'])
-def test_lost_link_at_stop_ends_goal_as_aborted(how):
+def test_goal_is_aborted_if_the_link_is_lost_when_stop_is_sent(how):
     harness = Harness()
     harness.go_and_answer()
     harness.broken = True
@@ -630,7 +630,7 @@ def test_lost_link_at_stop_ends_goal_as_aborted(how):
 OUT_AND_BACK = [(0.1 * item, 0.0) for item in (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)]
 
 
-def test_repeated_pause_and_resume_keep_the_same_rest():
+def test_repeated_pause_and_resume_keep_the_remaining_points():
     harness = Harness(OUT_AND_BACK)
     harness.see(0.5)
     for _ in range(4):
@@ -761,7 +761,7 @@ def test_inv9_planned_rest_at_goal_position_is_no_success():
 
 
 @pytest.mark.invariant(9)
-def test_inv9_standstill_decides_if_point_reply_may_answer_stop():
+def test_inv9_goal_needs_a_standstill_if_stop_may_have_no_reply():
     """docs/invariants.md, 9: the reply to the point, or to STOP, never arrives."""
     harness = Harness()
     harness.go_and_answer()

@@ -92,7 +92,7 @@ def test_rest_at_a_point_violates_path_tolerance():
     assert harness.stops == 1
 
 
-def test_path_tolerance_ends_with_the_plan():
+def test_path_tolerance_is_not_checked_after_the_end_of_the_plan():
     harness = Harness(path_tolerance=tolerance((0.6, 0.6)))
     for _ in LINE:
         harness.answer()
@@ -105,7 +105,7 @@ def test_path_tolerance_ends_with_the_plan():
     assert harness.stops == 0
 
 
-def test_status_between_samples_checks_no_old_joints():
+def test_status_between_joint_samples_does_not_check_the_path_again():
     harness = Harness(path_tolerance=tolerance((0.05, 0.05)))
     harness.answer()
     follow(harness, 0.3)
@@ -116,7 +116,7 @@ def test_status_between_samples_checks_no_old_joints():
     assert harness.stops == 0
 
 
-def test_violation_is_reported_if_its_stop_fails():
+def test_path_violation_is_reported_even_if_its_stop_fails():
     harness = Harness(path_tolerance=tolerance((0.05, 0.05)), settings=PATIENT)
     harness.answer()
     follow(harness, 0.1, offset=(0.3, 0.0))
@@ -126,7 +126,7 @@ def test_violation_is_reported_if_its_stop_fails():
     assert 'standstill' in harness.outcome.text
 
 
-def test_goal_velocity_tightens_standstill_of_its_joint():
+def test_goal_velocity_lowers_the_standstill_velocity_of_its_joint():
     harness = Harness(goal_velocity=np.array([0.001, INF]), in_motion=TriState.UNKNOWN, step=0.1)
     harness.finish_points()
     harness.at = np.array([0.995, 0.5])
@@ -353,7 +353,7 @@ def test_arrival_during_unscheduled_time_is_not_late():
 
 
 @pytest.mark.invariant(9)
-def test_status_with_cause_may_be_read_late():
+def test_cause_of_a_rejection_is_found_in_a_status_that_is_read_late():
     """docs/invariants.md, 9: it arrived in time, and is read after joints that arrived with it."""
     harness = Harness()
     harness.refuse()

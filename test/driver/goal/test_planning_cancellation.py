@@ -19,7 +19,7 @@ from epson_driver.sim_controller.condition.states import Event
 
 
 @pytest.mark.invariant(5)
-async def test_ending_a_scope_wakes_its_caller_while_the_thread_still_runs():
+async def test_cancellation_wakes_the_caller_while_the_planning_thread_runs():
     """Even a thread that never checks its scope keeps no caller waiting."""
     started, go_on = threading.Event(), threading.Event()
     asked = []
@@ -49,7 +49,7 @@ async def test_ending_a_scope_wakes_its_caller_while_the_thread_still_runs():
         await plan.in_thread(work)
 
 
-async def test_active_scope_returns_or_raises_the_result_of_its_thread():
+async def test_planning_returns_or_raises_the_result_of_its_thread():
     def fails(_look):
         raise ValueError('out of reach')
 
@@ -80,7 +80,7 @@ def test_failure_of_abandoned_planning_is_logged(caplog):
     assert "RuntimeError('broken')" in caplog.text
 
 
-def test_scopes_end_together_and_are_released():
+def test_plans_are_canceled_together_and_released():
     plans = PlanningCancellations()
     first, second = plans.begin(), plans.begin(PlanningCancellation())
     plans.end('stopped')
@@ -111,7 +111,7 @@ async def move(harness, _controller):
 
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize('happens', [estop, stop, disable, move])
-async def test_stop_or_motion_ends_scopes_even_if_enabled_again(happens):
+async def test_stop_or_motion_cancels_plans_even_if_enabled_again(happens):
     async with cell() as (harness, controller):
         plan = harness.driver.goal_queue.plans.begin()
         await happens(harness, controller)

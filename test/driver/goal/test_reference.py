@@ -92,7 +92,7 @@ def clock(scaling=None):
     return GoalClock(line, np.zeros(2), scaling or SpeedScaling(), 100.0)
 
 
-def test_clock_runs_from_first_point_past_the_end():
+def test_plan_clock_runs_from_the_first_point_past_the_end():
     made = clock()
     made.advance(100.7)
     assert made.time == pytest.approx(0.7)
@@ -101,7 +101,7 @@ def test_clock_runs_from_first_point_past_the_end():
     assert made.desired()[0].tolist() == [2.0, 2.0]
 
 
-def test_sent_segments_keep_their_factor_and_others_use_the_present_one():
+def test_sent_segments_keep_their_speed_factor_and_unsent_ones_use_the_new_one():
     scaling = SpeedScaling()
     made = clock(scaling)
     made.sent(1.0)
@@ -115,7 +115,7 @@ def test_sent_segments_keep_their_factor_and_others_use_the_present_one():
     assert made.rate == 0.25
 
 
-def test_stopped_clock_excludes_that_time():
+def test_plan_clock_excludes_the_time_while_it_is_stopped():
     made = clock()
     made.advance(100.5)
     made.advance(103.0, running=False)
@@ -125,7 +125,7 @@ def test_stopped_clock_excludes_that_time():
 
 
 @given(st.lists(st.floats(0.0, 1.0), max_size=20))
-def test_clock_does_not_depend_on_step_size(steps):
+def test_plan_clock_does_not_depend_on_the_step_size(steps):
     made, at_once = clock(), clock()
     for item in (made, at_once):
         for factor in (1.0, 0.5, 0.1):
@@ -138,7 +138,7 @@ def test_clock_does_not_depend_on_step_size(steps):
     assert made.time == pytest.approx(at_once.time, abs=1e-9)
 
 
-def test_clock_waits_for_start_of_plan():
+def test_plan_clock_waits_for_the_start_of_the_plan():
     made = clock()
     made.advance(99.0)
     assert made.time == 0.0
@@ -150,13 +150,13 @@ def test_clock_waits_for_start_of_plan():
 FACTORS = st.floats(MIN_FACTOR, 1.0)
 
 
-def test_initial_factor_is_1():
+def test_initial_speed_factor_is_1():
     scaling = SpeedScaling()
     assert scaling.factor(0.0) == scaling.factor(1e9) == scaling.target == 1.0
     assert scaling.time_for(0.3, 5.0) == 0.3
 
 
-def test_factor_ramps_to_target_from_within_a_ramp():
+def test_speed_factor_set_during_a_ramp_starts_another_ramp():
     scaling = SpeedScaling()
     scaling.set(0.01, 10.0)
     assert scaling.factor(10.0) == 1.0
@@ -169,7 +169,7 @@ def test_factor_ramps_to_target_from_within_a_ramp():
 
 
 @pytest.mark.parametrize('bad', [-0.1, MIN_FACTOR / 2, 1.001, math.nan, math.inf, -math.inf])
-def test_invalid_factor_is_rejected_with_allowed_range(bad):
+def test_invalid_speed_factor_is_rejected_with_the_allowed_range(bad):
     scaling = SpeedScaling()
     with pytest.raises(ValueError, match=r'must be 0 \(pause\) or from 0.01 to 1'):
         scaling.set(bad, 1.0)
@@ -177,7 +177,7 @@ def test_invalid_factor_is_rejected_with_allowed_range(bad):
 
 
 @given(FACTORS, FACTORS, st.floats(0.0, 1.0), st.floats(1e-3, 2.0))
-def test_time_for_is_the_integral_of_the_factor(first, then, since, planned):
+def test_time_for_planned_time_integrates_the_speed_factor(first, then, since, planned):
     scaling = SpeedScaling()
     scaling.set(first, 0.0)
     scaling.set(then, 10.0)
@@ -207,7 +207,7 @@ def test_scaled_point_has_lower_velocity_and_longer_duration():
     assert scaled(POINT, 0.001, 1.0).velocity == 1e-3
 
 
-def test_least_factor_keeps_velocity_that_can_be_sent():
+def test_minimum_speed_factor_keeps_a_velocity_that_can_be_sent():
     slow = replace(POINT, velocity=0.01)
     assert SpeedScaling().least(slow) == pytest.approx(0.1)
     assert SpeedScaling(by_velocity=False).least(slow) == 0.0
@@ -226,7 +226,7 @@ def test_scaled_full_point_has_later_time_and_lower_velocities():
     assert (late.time, late.velocities) == (2.75, full.velocities)
 
 
-def test_factor_1_without_delay_changes_nothing():
+def test_point_scaled_by_1_without_delay_is_unchanged():
     assert scaled(POINT, 1.0, 0.0) is POINT
     assert scaled(POINT, 1.0, 0.3) == POINT
     assert scaled(Ping(), 0.5, 1.0) == Ping()

@@ -27,13 +27,13 @@ def places(trajectory):
     return trajectory.positions[:, 0].tolist()
 
 
-def test_passed_points_are_omitted_and_others_keep_their_times():
+def test_remainder_omits_passed_points_and_keeps_the_times_of_others():
     rest = rest_of(plan(0.0, 0.4, 0.8, 1.2), 0.6, 1.5)
     assert places(rest) == [0.6, 0.8, 1.2]
     assert rest.times.tolist() == pytest.approx([0.0, FROM_REST * 0.5, FROM_REST * 0.5 + 1.0])
 
 
-def test_plan_of_one_point_starts_at_start_position():
+def test_remainder_of_a_one_point_plan_starts_at_the_arm():
     assert places(rest_of(plan(1.0, first=2.0), 0.25, 0.5)) == [0.25, 1.0]
 
 
@@ -50,7 +50,7 @@ def test_position_passed_repeatedly_is_matched_by_expected_time(expected, left):
     assert places(rest_of(plan(0.0, 1.0, 0.0, 1.0, 0.0), 0.5, expected)) == left
 
 
-def test_velocities_start_from_rest():
+def test_remainder_has_velocities_that_start_from_rest():
     made = plan(0.0, 0.4, 0.8)
     rate = np.zeros_like(made.positions)
     rate[1, 0] = 0.4
@@ -61,7 +61,7 @@ def test_velocities_start_from_rest():
 
 
 @pytest.mark.parametrize('noise', [0.0, 1e-203, 1e-6])
-def test_plan_without_motion_is_returned_unchanged(noise):
+def test_remainder_of_a_plan_without_motion_is_the_whole_plan(noise):
     made = plan(0.0, noise)
     assert rest_of(made, 0.01, 0.5) is made
 

@@ -43,7 +43,7 @@ def goal(model: RobotModel, joints: Array) -> Goal:
 
 
 @each_model
-def test_plan_from_a_limit_is_within_urdf_and_set_to_the_limit(name: str) -> None:
+def test_start_that_exceeds_a_limit_by_rounding_is_set_to_the_limit(name: str) -> None:
     model = load_robot_model(name)
     limits = model.limits
     root = ElementTree.fromstring(urdf(name))
@@ -64,7 +64,7 @@ def test_plan_from_a_limit_is_within_urdf_and_set_to_the_limit(name: str) -> Non
 
 
 @each_model
-def test_position_beyond_rounding_is_rejected_with_joint(name: str) -> None:
+def test_position_that_exceeds_a_limit_by_more_than_rounding_is_rejected(name: str) -> None:
     model = load_robot_model(name)
     limits = model.limits
     for joint, unit in enumerate(limits.units):

@@ -64,14 +64,14 @@ async def test_inv5_outcome_of_another_speed_than_planned_has_both_times(caplog)
     assert harness.driver.goal_queue.other_speed == 1
 
 
-async def test_goal_at_the_position_of_the_arm_has_no_speed():
+async def test_goal_at_the_arm_position_gives_no_speed_warning():
     harness, outcome, _ = await executed(load_controller_profile('fanuc'), plan(1.0, way=0.0))
     assert outcome.end is End.SUCCEEDED
     assert 'instead of' not in outcome.text
     assert harness.driver.goal_queue.other_speed == 0
 
 
-async def test_planned_speed_is_no_warning():
+async def test_motion_at_the_planned_speed_gives_no_warning():
     harness, outcome, _ = await executed(load_controller_profile('generic'), plan(1.0))
     assert outcome.end is End.SUCCEEDED
     timing = harness.driver.goal_queue.last_timing
@@ -103,7 +103,9 @@ async def test_inv10_plan_slower_than_controller_is_rejected_before_sending():
         (1.0, 1.6, True),
     ],
 )
-def test_deviation_is_reported_beyond_both_tolerances(planned, executed_in, deviates):
+def test_duration_deviation_is_reported_only_beyond_both_tolerances(
+    planned, executed_in, deviates
+):
     assert Timing(planned, executed_in).deviates is deviates
 
 

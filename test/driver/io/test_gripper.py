@@ -68,7 +68,7 @@ async def test_inv9_stuck_jaws_are_an_error_with_the_missing_input():
             await gripper.move(opened=False)
 
 
-async def test_newer_command_replaces_a_waiting_one():
+async def test_newer_gripper_command_replaces_a_waiting_one():
     async with cell() as (gripper, _, _):
         opening = asyncio.create_task(gripper.move(opened=True))
         await asyncio.sleep(0.1)
@@ -87,7 +87,7 @@ async def test_inv9_lost_io_is_an_error_of_move_and_state():
             await gripper.state()
 
 
-async def test_both_inputs_on_are_a_wiring_error():
+async def test_gripper_with_both_inputs_on_is_a_wiring_error():
     async with cell() as (gripper, jaws, controller):
         jaws.stuck = True
         for index in (4, 5):
@@ -96,7 +96,7 @@ async def test_both_inputs_on_are_a_wiring_error():
             await gripper.move(opened=True)
 
 
-async def test_outputs_are_never_both_on():
+async def test_gripper_outputs_are_never_both_on():
     async with cell() as (gripper, jaws, _):
         for opened in (True, False, True):
             await gripper.move(opened=opened)

@@ -177,7 +177,7 @@ async def cell(profile, **options):
 
 
 @pytest.mark.parametrize('dialect', [LITTLE_ENDIAN, BIG_ENDIAN])
-async def test_values_are_reported_first_and_on_change(dialect):
+async def test_io_values_are_reported_initially_and_on_change(dialect):
     async with (
         simulated(dialect) as (controller, ports),
         Client(ports.io, dialect=dialect) as client,
@@ -281,7 +281,7 @@ async def test_inv6_values_are_unknown_while_the_io_server_is_stopped_by_an_esto
 @pytest.mark.parametrize(
     ('greeting', 'reason'), [(b'', 'closed by'), (b'SSH-2.0-OpenSSH_9.6\r\n', 'length')]
 )
-async def test_server_without_the_protocol_is_reported_once(greeting, reason, caplog):
+async def test_server_without_io_messages_is_reported_once(greeting, reason, caplog):
     caplog.set_level(logging.INFO)
 
     async def greet(_reader, writer):
@@ -406,7 +406,7 @@ async def test_inv6_values_without_a_reply_become_unknown_and_are_polled_again()
         assert client.io.link.statistics.connections == 1
 
 
-async def test_refused_range_does_not_prevent_others():
+async def test_refused_range_does_not_prevent_polling_of_others():
     def answer(_number, msg_type, message_id, _words):
         if msg_type == INFO:
             return frame(INFO, message_id, 0, 2, AI, 0, 1, 2, DI, 0, 1, 2)
@@ -462,7 +462,7 @@ async def test_driver_works_without_an_io_server():
         assert harness.running
 
 
-def test_refused_point_has_its_reason_without_known_ranges():
+def test_point_is_refused_with_its_reason_while_ranges_are_unknown():
     assert sentence(2001, DO, 16, 1, ()) == 'DO 16 = 1: unknown index'
     assert sentence(1001, AI, 0, None, ()) == 'AI 0: the controller has no AI'
     assert sentence(2002, GO, 1000, -1, ()) == 'GO 1000 = -1: must be 0 to 65535'

@@ -37,7 +37,7 @@ def test_missed_messages_in_a_gap_are_detected(messages, missed):
     assert missed_before(*messages)[-1] is missed
 
 
-def test_no_missed_messages_are_assumed_before_the_first_one():
+def test_no_message_counts_as_missed_before_the_first_one():
     assert missed_before((4711, 1e6)) == [False]
 
 
@@ -46,7 +46,7 @@ def test_no_missed_messages_are_assumed_before_the_first_one():
     ('number', 'after', 'missed'),
     [(1, 1.0, False), (50, 1.0, True), (50, DISCOVERY_S, False), (None, 1.0, False)],
 )
-def test_inv4_publisher_found_soon_after_the_start_may_have_sent_before(number, after, missed):
+def test_inv4_publisher_found_soon_after_start_counts_as_already_sending(number, after, missed):
     """The driver may have been restarted while the stream continued."""
     assert ArrivalMonitor(100.0).missed(number, 100.0 + after) is missed
 

@@ -65,7 +65,7 @@ def at_sine_with_velocities(t):
 
 
 @pytest.mark.parametrize(('stream', 'bar'), [(at_sine, 0.03), (at_sine_with_velocities, 0.02)])
-async def test_lag_and_jerk_behind_a_sine(stream, bar):
+async def test_arm_follows_a_sine_with_low_lag_and_jerk(stream, bar):
     async with robot() as (harness, _, path):
         start = now()
         await send(harness, stream, 6.0)

@@ -159,7 +159,7 @@ def test_constant_lag_is_measured():
     assert lag.now == pytest.approx(0.3, abs=0.02)
 
 
-def test_after_the_last_point_the_lag_stays_and_the_distance_shrinks():
+def test_lag_stays_and_distance_shrinks_after_the_last_point():
     lag, behind, end = StreamLag(), 0.6, 1.0
     ahead = []
     for time in np.arange(0.0, end + behind + 2.0 * PERIOD_S, PERIOD_S):

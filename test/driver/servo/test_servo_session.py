@@ -63,7 +63,7 @@ async def over(harness):
 
 
 @pytest.mark.parametrize('smooth', EITHER, ids=['point to point', 'smooth'])
-async def test_positions_are_followed_to_the_last_and_then_a_goal_runs(smooth, logged):
+async def test_position_stream_is_followed_to_its_end_and_then_a_goal_runs(smooth, logged):
     async with cell(smooth=smooth) as (harness, _):
         await send(harness, ramp(0.3), 1.5)
         assert harness.driver.servo.mode is Mode.POSITION
@@ -79,7 +79,7 @@ async def test_positions_are_followed_to_the_last_and_then_a_goal_runs(smooth, l
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_setpoints_delayed_beyond_the_timeout_start_nothing(logged):
+async def test_inv4_setpoints_delayed_beyond_the_timeout_start_no_motion(logged):
     async with cell(smooth=True) as (harness, _):
         servo = harness.driver.servo
         for age in (5.0, 4.9, servo.settings.timeout + 0.01):
@@ -487,7 +487,7 @@ async def test_inv9_withdrawn_acknowledgement_ends_the_stream_and_disables():
         ('streaming', 'joint_traj_pt_full', 'point_message: joint_traj_pt_full'),
     ],
 )
-async def test_stream_is_refused_with_other_points(interface, message, reason, logged):
+async def test_stream_is_refused_for_downloads_and_full_points(interface, message, reason, logged):
     rules = delivery_rules(load_controller_profile('generic'), interface, message)
     async with cell(smooth=False, delivery=rules) as (harness, _):
         harness.driver.servo.take(positions(pose(0.04)))

@@ -114,7 +114,7 @@ def test_non_finite_value_of_an_unused_joint_is_ignored():
 
 
 @pytest.mark.invariant(6)
-def test_moving_joint_beyond_the_model_is_found_once():
+def test_moving_joint_that_the_model_lacks_is_reported_once():
     state = RobotState(6)
     data = [*[0.0] * 6, 0.2, *[0.0] * 3]
     assert state.moved_beyond_model(tuple(data)) is None
@@ -268,7 +268,7 @@ def test_velocity_mapping_matches_position_changes(mapping, values, change):
 
 
 @pytest.mark.invariant(8)
-def test_inv8_identity_mapping_keeps_the_bits():
+def test_inv8_identity_mapping_keeps_values_bit_exact():
     values = np.array([0.1, -0.0, 5e-324])
     mapping = unmapped(3)
     assert mapping.identity

@@ -317,7 +317,7 @@ def test_late_message_after_a_stall_of_the_controller_is_not_a_jump():
         state.on_joints(joint_data([speed * 0.235 - 0.2]), arrival + 0.005)
 
 
-def test_other_joint_position_is_accepted_once_reachable():
+def test_implausible_jump_is_accepted_once_the_joint_could_have_moved_there():
     state, now = model_state()
     outcomes = []
     for count in range(100):
@@ -334,7 +334,7 @@ def test_other_joint_position_is_accepted_once_reachable():
 # --- fresh joints and rest -----------------------------------------------------------
 
 
-def test_inv6_old_pose_is_not_ready():
+def test_inv6_old_joint_positions_do_not_permit_motion():
     state, now = model_state()
     assert state.why_not_ready(now) is None
     for count in range(200):  # the STATUS continues
@@ -343,7 +343,7 @@ def test_inv6_old_pose_is_not_ready():
     assert state.why_not_ready(now + 1.0) == 'the newest joint state is 1 s old'
 
 
-def test_inv6_late_pose_is_not_ready_although_just_received():
+def test_inv6_delayed_joint_positions_are_stale_although_just_received():
     """It was delayed by 2 s."""
     state, now = model_state()
     state.on_joints(joint_data([0.0]), now + 2.0)
@@ -354,7 +354,7 @@ def test_inv6_late_pose_is_not_ready_although_just_received():
 
 
 @pytest.mark.parametrize('period', [0.05, 0.2])
-def test_pose_received_in_bursts_is_fresh(period):
+def test_joint_positions_received_in_bursts_are_fresh(period):
     rows, _ = received(sine, bursts(period))
     newest = [
         list(group)[-1] for _, group in itertools.groupby(rows[200:], key=lambda row: row[1])
@@ -363,7 +363,7 @@ def test_pose_received_in_bursts_is_fresh(period):
     assert worst < 0.3
 
 
-def test_rest_needs_controller_velocity_and_window_to_agree():
+def test_rest_requires_status_velocity_and_positions_to_agree():
     state, now = model_state()
     assert state.why_not_at_rest(0.01) is None
     state.on_status(Status(in_motion=1), now)

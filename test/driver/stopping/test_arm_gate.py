@@ -21,7 +21,7 @@ def test_inv4_gate_is_closed_at_start():
     assert gate.reason == 'not enabled since the driver started'
 
 
-def test_closed_gate_keeps_its_first_reason():
+def test_closed_gate_keeps_its_first_closing_reason():
     gate = ArmGate()
     open_gate(gate)
     assert gate.reason is None
@@ -34,7 +34,7 @@ def test_closed_gate_keeps_its_first_reason():
     assert gate.reason == 'the motors are off'
 
 
-def test_reason_without_a_cause_is_completed_by_the_next():
+def test_gate_reason_without_a_cause_is_completed_by_the_next_reason():
     """A STATUS that arrives late still explains a refused goal."""
     gate = ArmGate()
     open_gate(gate)
@@ -72,7 +72,7 @@ FINE = {'drives_powered': 1, 'e_stopped': 0, 'in_error': 0, 'error_code': 0}
         ({'error_code': 5}, None),  # a code without in_error is information
     ],
 )
-def test_reason_against_motion_is_read_from_the_status(fields, words):
+def test_reason_that_inhibits_motion_is_read_from_the_status(fields, words):
     inhibit = status_inhibit(Status(**{**FINE, **fields}), ERRORS)
     if words is None:
         assert inhibit is None
@@ -111,7 +111,7 @@ def test_inv4_closing_reason_cancels_pending_enable_requests(opened):
     assert gate.reason is None
 
 
-def test_inv4_motors_off_cancels_only_a_request_that_saw_them_on():
+def test_inv4_motors_off_cancels_only_a_request_that_saw_motors_on():
     gate = ArmGate()
     with gate.enabling() as enabling:
         gate.close('the motors are off', motors_off=True)
@@ -121,7 +121,7 @@ def test_inv4_motors_off_cancels_only_a_request_that_saw_them_on():
         assert enabling.canceled == 'the motors are off'
 
 
-def test_inv4_ended_request_does_not_open_the_gate():
+def test_inv4_ended_enable_request_does_not_open_the_gate():
     gate = ArmGate()
     with gate.enabling() as enabling:
         pass

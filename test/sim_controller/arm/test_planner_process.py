@@ -216,7 +216,7 @@ def test_failed_start_raises_an_error_with_the_reason(monkeypatch, interpreter, 
         ),
     ],
 )
-def test_inv9_planner_without_greeting_is_reported_and_ended(
+def test_inv9_planner_that_never_reports_ready_is_reported_and_ended(
     monkeypatch, tmp_path, caplog, script, text
 ):
     """The first start raises an error. A later failure is logged and retried."""

@@ -395,7 +395,7 @@ def test_resume_during_braking_continues_from_rest():
     assert [number for number, _ in one.answers] == [0]
 
 
-def test_settle_requires_an_arm_without_points():
+def test_position_can_be_set_only_while_the_arm_has_no_points():
     one = harness()
     one.arm.set_position(at(0.4, -0.2))
     np.testing.assert_array_equal(one.arm.position, at(0.4, -0.2))

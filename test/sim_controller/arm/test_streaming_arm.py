@@ -169,7 +169,7 @@ def test_start_outside_the_limits_is_refused():
 ELSEWHERE = np.array([0.3, -0.2, 0.1, 0.0, 0.5, -1.0])
 
 
-def test_settled_arm_starts_from_its_new_position():
+def test_arm_moved_by_hand_starts_from_its_new_position():
     harness = StreamingHarness()
     harness.send(FAST)
     harness.run(0.3)
@@ -189,7 +189,7 @@ def test_settled_arm_starts_from_its_new_position():
     assert harness.arm.position.tolist() == HOME.tolist()
 
 
-def test_settle_is_refused_while_points_remain():
+def test_setting_the_position_is_refused_while_points_remain():
     harness = StreamingHarness()
     harness.send(FAST)
     with pytest.raises(RuntimeError, match='has pending points'):
@@ -263,7 +263,7 @@ def test_inv2_plan_beyond_a_limit_brakes_and_is_reported():
     assert_within_limits(harness)
 
 
-def test_settle_does_not_end_a_hold():
+def test_setting_the_position_does_not_end_a_hold():
     harness = StreamingHarness()
     harness.arm.hold()
     harness.arm.set_position(ELSEWHERE)

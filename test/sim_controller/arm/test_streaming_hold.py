@@ -221,7 +221,7 @@ def test_resume_without_a_planner_waits_for_it():
     assert_passes(harness, FAST)
 
 
-def test_hold_during_a_commanded_rest():
+def test_hold_during_a_commanded_rest_keeps_the_arm_at_its_point():
     points = curve_points(30)
     harness = StreamingHarness()
     harness.send(points[:15])

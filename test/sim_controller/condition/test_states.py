@@ -343,7 +343,7 @@ def test_every_error_that_stops_motion_has_a_remedy(number):
     assert ERRORS[number].remedy
 
 
-def test_rejection_about_a_subject_keeps_its_number():
+def test_rejection_with_a_subject_keeps_its_error_number():
     assert corrupt('wrong').about('point 3') == Rejection(
         ErrorNumber.CORRUPT_MESSAGE, 'point 3: wrong'
     )

@@ -160,7 +160,7 @@ def test_every_fault_is_described_and_has_defaults(name, harness):
         'delay 0.2 for=3 port=motion+state',
     ],
 )
-def test_all_notations_give_the_same_fault(text):
+def test_every_notation_of_a_fault_gives_the_same_fault(text):
     fault = parse(text)
     assert fault.name == 'delay'
     assert fault.values == {'seconds': 0.2, 'for': 3.0, 'after': 0.0}
@@ -259,7 +259,7 @@ def test_active_faults_are_listed_without_commas(harness):
     ]
 
 
-def test_clear_removes_one_name_or_all(harness):
+def test_clear_ends_the_faults_of_one_name_or_all(harness):
     for text in ('delay', 'delay after=5', 'jitter', 'cut for=0'):
         harness.start(text)
     assert harness.clear('delay') == 2
@@ -286,7 +286,7 @@ def test_number_of_active_faults_is_limited(harness):
 
 
 @pytest.mark.parametrize('name', ['frozen_encoder', 'servo_error'])
-def test_missing_joint_is_refused(harness, name):
+def test_fault_of_a_missing_joint_is_refused(harness, name):
     with pytest.raises(FaultError, match=f'{name}: joint = 7: the robot has 6 joints'):
         harness.start(f'{name} {JOINTS + 1}')
     assert harness.faults.active() == []

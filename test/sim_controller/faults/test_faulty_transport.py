@@ -242,7 +242,7 @@ def test_wrong_byte_order_swaps_every_word(harness):
 
 
 @pytest.mark.parametrize('name', LINK_FAULTS)
-def test_other_ports_are_not_disturbed(harness, name):
+def test_fault_does_not_disturb_other_ports(harness, name):
     untouched = harness.client('io')
     harness.start(f'{name}:port=state')
     sent = [answer(number) for number in range(20)]
@@ -315,7 +315,7 @@ def test_faults_combine_in_their_order_of_start(harness):
 @pytest.mark.parametrize(
     'text', ['jitter:seconds=0.2', 'jitter coalesce', 'coalesce late_reply', 'jitter late_reply']
 )
-def test_order_is_kept_without_duplicates(harness, text):
+def test_faults_keep_the_order_of_messages_without_duplicates(harness, text):
     client = harness.client('motion')
     for fault in text.split():
         harness.start(fault)
@@ -336,7 +336,7 @@ def test_order_is_kept_without_duplicates(harness, text):
 
 
 @pytest.mark.parametrize('text', ['delay:seconds=60', 'coalesce:seconds=10', 'late_reply 60'])
-def test_delayed_bytes_are_limited(harness, text):
+def test_number_of_delayed_bytes_is_limited(harness, text):
     client = harness.client('motion')
     harness.start(text)
     most = 0
@@ -373,7 +373,7 @@ def test_same_seed_gives_the_same_bytes_and_times():
     assert outcome(5, *RANDOM) == outcome(5, *RANDOM)
 
 
-def test_seed_connection_and_order_change_the_bytes():
+def test_random_faults_depend_on_seed_connection_and_order():
     first, second = outcome(5, *RANDOM)
     assert first != second
     assert first not in outcome(6, *RANDOM)

@@ -110,7 +110,7 @@ def test_error_names_address_value_and_limit(
         assert error.value.result is result
 
 
-def test_missing_type_of_io_is_an_error() -> None:
+def test_unknown_type_of_io_is_an_error() -> None:
     points = IoPoints(IoProfile(analog_inputs=0, digital_outputs=12))
     with pytest.raises(IoError, match='AI 0: it has no analogue inputs') as error:
         points.read(AI, 0)

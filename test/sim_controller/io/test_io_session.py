@@ -147,7 +147,7 @@ def test_empty_request_gets_an_empty_answer(client: Client) -> None:
     assert client.ask(SUB, 3, 0) == (3, 0)
 
 
-def test_big_endian_controller() -> None:
+def test_big_endian_controller_answers_io_requests() -> None:
     client = Harness().client(BIG_ENDIAN)
     assert client.ask(WRITE, 1, 1, DO, 3, 1) == (1, 0, 1, DO, 3, 1)
 
@@ -372,7 +372,7 @@ def test_without_the_io_server_every_request_fails_and_nothing_is_published(
         (frame(WRITE, 0, 1, DO, 0, 1, comm_type=9), [(WRITE, REPLY, FAILURE, ())]),
     ],
 )
-def test_other_frame_changes_nothing(
+def test_frame_that_is_no_io_request_changes_nothing(
     harness: Harness, client: Client, sent: bytes, answers: list[tuple[int, int, int, Words]]
 ) -> None:
     client.session.receive(sent)

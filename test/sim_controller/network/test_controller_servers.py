@@ -257,7 +257,7 @@ def test_inv7_flood_of_requests_does_not_stop_state_messages():
 # ---- smooth motion
 
 
-def test_smooth_motion_through_sockets_and_a_process():
+def test_smooth_motion_runs_through_sockets_and_a_planner_process():
     async def main():
         async with serving(smooth=True) as served:
             served.controller.apply(Event.MOTORS_ON)
@@ -326,7 +326,7 @@ async def test_inv7_half_closed_state_client_is_disconnected_in_time():
 
 
 @on_sockets
-async def test_requests_on_the_state_port(served):
+async def test_requests_on_the_state_port_are_answered_in_order(served):
     reader, writer = await served.connect('state')
     writer.write(frame(1, 2, 0) + frame(2, 2, 0) + frame(13, 2, 0, bytes(28)))
     writer.write(frame(10, 2, 0, bytes(44)) + point(0) + frame(7, 2, 0) + frame(1, 5, 0))

@@ -128,7 +128,7 @@ def test_servos_off_empties_the_queue_of_a_motoman():
         assert status(harness).in_motion == 0
 
 
-def test_motoman_is_busy_with_a_second_of_points_ahead():
+def test_motoman_is_busy_if_a_second_of_points_is_queued():
     harness = new_harness('motoman')
     harness.send(command(START_TRAJ_MODE), motoman_point(0, (), 0.0))
     results(harness)

@@ -36,7 +36,7 @@ def new_harness(name='simulated', buffer=1000, overflow='refuse', dead_time=0.0,
     return ProgramHarness(name, download=download, **changes)
 
 
-def test_requests_are_answered_after_their_dead_time():
+def test_requests_of_a_download_are_answered_after_their_dead_time():
     harness = new_harness(dead_time=0.1)
     harness.send(*trajectory(3, REQUEST))
     seen = []
@@ -49,7 +49,7 @@ def test_requests_are_answered_after_their_dead_time():
 
 
 @pytest.mark.parametrize('number', [2, 11, 100])
-def test_motion_starts_after_n_dead_times(number):
+def test_download_starts_after_the_dead_time_of_all_points(number):
     harness = new_harness(dead_time=0.0115)
     harness.send(*trajectory(number))
     harness.step(number * 0.0115 - 0.001, 0.001)
@@ -70,7 +70,7 @@ def test_dead_time_starts_when_a_point_arrives():
     assert harness.arm.moving
 
 
-def test_stop_ends_the_dead_time():
+def test_stop_during_the_dead_time_ends_the_download():
     harness = new_harness(dead_time=0.1)
     harness.send(*trajectory(50), point(STOP), *trajectory(2))
     harness.step(0.21, 0.001)
@@ -80,7 +80,7 @@ def test_stop_ends_the_dead_time():
 # ---- the buffer
 
 
-def test_longer_download_is_refused_as_a_whole():
+def test_download_longer_than_the_buffer_is_refused_as_a_whole():
     harness = new_harness(buffer=5)
     harness.send(*trajectory(6))
     assert harness.error == 8000

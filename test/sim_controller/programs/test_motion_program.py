@@ -77,14 +77,14 @@ def test_interrupted_point_may_be_sent_again():
 
 
 @pytest.mark.parametrize('sent', [frame(0, 2, 0), frame(0, 0, 0, bytes(52)), frame(-7, 2, 0)])
-def test_invalid_type_gets_the_failure_of_a_point(sent):
+def test_message_of_invalid_type_gets_a_failure_like_a_point(sent):
     harness = Harness()
     harness.send(sent)
     assert [answer[:3] for answer in harness.replies()] == [(10, 3, FAILURE)]
     assert harness.error == 8000
 
 
-def test_big_endian_points_to_a_big_endian_controller():
+def test_big_endian_controller_executes_big_endian_points():
     harness = Harness(profile=load_controller_profile('fanuc'))
     harness.send(point(0, order='>'))
     assert split(harness.peer.take(), '>') == [(10, 3, SUCCESS, bytes(44))]
@@ -131,7 +131,7 @@ def test_long_controller_steps_do_not_count_as_silence():
 
 
 @pytest.mark.parametrize('name', ['generic', 'fanuc', 'abb'])
-def test_profiles_of_other_makers_set_no_timer(name):
+def test_heartbeat_starts_no_timeout_in_profiles_of_other_makers(name):
     profile = load_controller_profile(name)
     harness = Harness(profile=profile)
     order = '>' if name == 'fanuc' else '<'

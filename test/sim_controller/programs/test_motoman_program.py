@@ -418,7 +418,7 @@ def test_state_that_needs_an_operator_refuses_start_traj_mode(events, subcode, m
     assert (harness.begun, harness.arm.taken) == (0, [])
 
 
-def test_missing_planner_is_not_ready_for_an_unknown_reason():
+def test_missing_planner_is_reported_as_not_ready_unspecified():
     harness = Harness(start=False)
     harness.planner_ready = False
     assert harness.command(START) == (NOT_READY, 5000)
@@ -544,7 +544,7 @@ def test_reset_alarm_clears_errors_except_an_estop():
     assert harness.condition == Condition()
 
 
-def test_disconnect_closes_the_connection_with_an_empty_queue():
+def test_disconnect_command_is_refused_until_the_queue_is_empty():
     harness = Harness()
     harness.point(0)
     harness.point(1, (0.5,), 1.0)
@@ -605,7 +605,7 @@ OTHERS = {
 
 
 @pytest.mark.parametrize(('data', 'expected'), OTHERS.values(), ids=OTHERS)
-def test_other_messages_are_invalid(data, expected):
+def test_messages_other_than_points_and_commands_are_invalid(data, expected):
     harness = Harness()
     harness.send(struct.pack('<i', len(data) - 4) + data[4:])
     assert harness.replies() == [expected]
@@ -614,7 +614,7 @@ def test_other_messages_are_invalid(data, expected):
 
 @pytest.mark.parametrize('reply_code', [0, 1, 2, 9])
 @pytest.mark.parametrize('msg_type', [0, 11, 14, 2001, 2002])
-def test_reply_is_not_answered(msg_type, reply_code):
+def test_reply_from_a_client_is_not_answered(msg_type, reply_code):
     harness = Harness()
     harness.send(frame(msg_type, 3, reply_code, point(0)[16:] if msg_type == 14 else b''))
     assert harness.sent == b''
@@ -630,7 +630,7 @@ def test_unsupported_message_of_motoros_ends_the_connection(msg_type, size):
 
 
 @pytest.mark.invariant(4)
-def test_inv4_lost_client_leaves_the_mode_and_passed_points():
+def test_inv4_lost_client_leaves_trajectory_mode_and_accepted_points():
     harness = Harness(room=1, pending_limit=1)
     harness.point(0)
     assert harness.point(1, (0.5,), 1.0) == (SUCCESS, 0)  # entered

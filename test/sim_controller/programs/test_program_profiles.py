@@ -35,7 +35,7 @@ def test_profile_selects_when_a_point_is_answered(acknowledge, at_once):
     assert harness.codes() == ([] if at_once else [(0, SUCCESS)])
 
 
-def test_points_acknowledged_early_and_lost_may_not_be_skipped():
+def test_points_lost_after_an_early_acknowledgement_may_not_be_skipped():
     harness = ProgramHarness(acknowledge='taken')
     harness.send(point(0, THERE), point(1, HOME))
     harness.step(0.1)
@@ -75,7 +75,7 @@ def test_start_of_a_trajectory_is_reported_before_its_first_point():
     assert harness.events == ['began', 0, 1, 'began', 0]
 
 
-def test_restart_by_a_point_passed_to_the_arm_fails_the_rest():
+def test_restart_while_the_arm_takes_a_point_fails_the_other_points():
     harness = ProgramHarness()
     taken = []
     take = harness.arm.take
@@ -145,7 +145,7 @@ def test_inv2_points_before_a_late_failure_are_executed():
 # ---- form of a point
 
 
-def test_profile_may_accept_a_longer_body():
+def test_profile_may_accept_a_point_with_a_longer_body():
     body = point(0, THERE)[16:]
     harness = ProgramHarness(accepts='longer')
     harness.send(frame(11, 2, 0, body + bytes(8)), frame(11, 2, 0, body[:-1]))
@@ -200,7 +200,7 @@ def test_abb_skips_a_first_point_at_the_current_position():
     assert harness.events[3:] == ['began', 0, 1]  # not near
 
 
-def test_later_points_are_not_skipped_nor_any_without_skip_first():
+def test_points_are_skipped_only_at_the_start_and_with_skip_first():
     harness = ProgramHarness('abb')
     harness.send(point(-1, THERE, TOPIC), point(1, THERE, TOPIC), point(-3, THERE, TOPIC))
     harness.rest()
@@ -211,7 +211,7 @@ def test_later_points_are_not_skipped_nor_any_without_skip_first():
     assert other.events == ['began', 0, 1]
 
 
-def test_abb_executes_a_full_buffer_without_its_end():
+def test_abb_executes_a_full_buffer_whose_last_point_is_lost():
     harness = ProgramHarness('abb')
     points = [point(-1, THERE, TOPIC)]
     points += [point(i, [0.5 - 0.001 * i, *THERE[1:]], TOPIC) for i in range(1, 100)]
@@ -238,7 +238,7 @@ def test_abb_answers_a_point_outside_the_limits_with_success():
     ('uses', 'slower'),
     [('both', True), ('velocity', True), ('duration', False), ('nothing', False)],
 )
-def test_only_used_fields_change_the_motion(uses, slower):
+def test_only_the_fields_that_a_profile_uses_change_the_motion(uses, slower):
     fast, slow = ProgramHarness(uses=uses), ProgramHarness(uses=uses)
     fast.send(point(0, THERE))
     slow.send(point(0, THERE, velocity=0.1))

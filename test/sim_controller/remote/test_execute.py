@@ -141,7 +141,7 @@ def test_points_are_stored_and_can_be_changed(execute):
     assert execute('Print CZ(P2) - CZ(P1)') == '#Execute,"50"'
 
 
-def test_settings_statements_and_functions_agree(execute):
+def test_settings_changed_by_statements_are_returned_by_functions(execute):
     highest = (
         *('Speed 100', 'Accel 100, 100', 'SpeedFactor 100', 'SpeedS 2000', 'AccelS 25000'),
         *('SpeedR 1000', 'AccelR 5000', 'Weight 100', 'Inertia 1000'),
@@ -208,7 +208,7 @@ def test_inv2_execute_exceeds_no_limit_and_points_may_follow():
     assert angles(remote)[0] == pytest.approx(there[0] + 0.1, abs=1e-6)
 
 
-def test_next_command_is_accepted_immediately():
+def test_next_command_is_accepted_right_after_the_answer():
     """Servos lag behind the command. The answer waits for them, like Ready."""
     remote = new_remote(profile=SIMULATED)
     assert answers_after(remote, 'Execute,"Go Here +Z(20)"')[0] == ['#Execute,0']

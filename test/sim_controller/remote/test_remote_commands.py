@@ -141,7 +141,7 @@ def test_estop_requires_release_and_reset_before_motors_on(remote):
     assert remote('SetMotorsOn,1') == '#SetMotorsOn,0'
 
 
-def test_pause_continue_stop_and_start():
+def test_pause_continue_stop_and_start_control_the_tasks():
     remote = moving()
     assert remote('Pause') == '#Pause,0'
     assert remote('GetStatus') == '#GetStatus,00100000100,0000'
@@ -237,7 +237,7 @@ def test_requirements_match_the_manual():
     assert not any(needs[name] for name in COMMANDS if name.startswith(('Get', 'Log')))
 
 
-def test_io_bits_bytes_and_words(remote):
+def test_io_is_read_and_written_as_bits_bytes_and_words(remote):
     io = remote.controller.io
     assert remote('SetIO,3,1') == '#SetIO,0'
     assert io.read(2, 3) == 1
@@ -257,7 +257,7 @@ def test_io_bits_bytes_and_words(remote):
     assert remote('GetIOWord,1') == '#GetIOWord,0002'  # only eight of its bits exist
 
 
-def test_memory_io(remote):
+def test_memory_io_is_read_and_written(remote):
     assert remote('SetMemIO,511,1') == '#SetMemIO,0'
     assert remote('GetMemIO,511') == '#GetMemIO,1'
     assert remote('GetMemIOByte,63') == '#GetMemIOByte,80'
@@ -268,7 +268,7 @@ def test_memory_io(remote):
     assert remote('GetIO,0') == '#GetIO,0'
 
 
-def test_commands_of_epsons_node_red_client(remote):
+def test_commands_of_epsons_node_red_client_are_answered(remote):
     answers = {
         'GetContName': '0',
         'GetContNo': 'simulated',
@@ -300,7 +300,7 @@ def test_commands_of_epsons_node_red_client(remote):
         assert remote(command) == f'#{command.partition(",")[0]},{value}'
 
 
-def test_commands_of_the_python_package_epsonrc(remote):
+def test_commands_of_the_python_package_epsonrc_are_answered(remote):
     """The lines that its `begin()` sends. Motion is tested in test_execute.py."""
     statements = (
         'Speed 50',
@@ -334,7 +334,7 @@ def test_get_status_shows_motion_and_after_a_wrong_point_the_error():
 # ---- commands of the simulation
 
 
-def test_sim_commands_of_door_key_switch_and_power(remote):
+def test_sim_commands_operate_door_key_switch_and_power(remote):
     assert remote('Sim,power,high') == '!Sim,20'  # the motors are off
     assert remote('SetMotorsOn,1') == '#SetMotorsOn,0'
     assert remote('Sim,power,high') == '#Sim,0'

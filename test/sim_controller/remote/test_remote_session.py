@@ -68,7 +68,7 @@ def test_commands_after_the_logout_are_refused(remote):
     assert remote('GetStatus').startswith('#')
 
 
-def test_lines_in_any_segmentation_and_with_any_end():
+def test_lines_are_read_in_any_segmentation_and_with_any_line_end():
     data = b'$Login\r\n$GetCurRobot\n$GetCurRobot\r$GetCurRobot\r\n'
     expected = ['#Login,0'] + ['#GetCurRobot,1'] * 3
     assert Remote(login=None).answers(data) == expected
@@ -98,7 +98,7 @@ def test_reply_replaces_unprintable_and_non_ascii_bytes(remote):
     assert remote.answers(b'$\x00\x1b[2J\xff,\n') == ['!??[2J\N{REPLACEMENT CHARACTER},11']
 
 
-def test_silence_closes_the_connection():
+def test_silent_remote_client_is_disconnected_after_the_timeout():
     remote = Remote(harness_with_password('', 60.0))
     remote.harness.step(59.0, 1.0)
     assert remote('GetStatus').startswith('#')

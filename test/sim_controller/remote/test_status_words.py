@@ -138,7 +138,7 @@ def test_flags_are_in_the_order_of_the_manual():
 
 
 @pytest.mark.parametrize('name', WORDS)
-def test_every_bit_is_tested(name):
+def test_every_status_bit_has_a_test(name):
     table, expected = WORDS[name]
     assert list(table) == list(expected)
 
@@ -163,7 +163,7 @@ def test_word_is_the_sum_of_its_bits():
     assert status_words.flags(MANUAL) == '01000000001'
 
 
-def test_status_words_through_motion_pause_door_and_estop():
+def test_status_words_follow_motion_pause_door_and_estop():
     harness = Harness()
 
     def words():

@@ -253,7 +253,7 @@ STOPS = {
 
 @pytest.mark.invariant(6)
 @pytest.mark.parametrize('stop', STOPS)
-def test_stop_ends_the_mode_brakes_and_refuses_the_waiting_target(stop):
+def test_stop_ends_the_motion_mode_and_refuses_the_waiting_target(stop):
     act, reason = STOPS[stop]
     cell = Cell().enable()
     accelerate(cell)
@@ -277,7 +277,7 @@ def test_stop_ends_the_mode_brakes_and_refuses_the_waiting_target(stop):
     assert cell.controller.arm.commanded[0] == places[-1]
 
 
-def test_pause_ends_the_mode_without_an_error():
+def test_pause_ends_the_motion_mode_without_an_error():
     simulated = load_controller_profile('simulated')
     cell = Cell(profile=replace(simulated, rtmc=PROFILE.rtmc)).enable()
     accelerate(cell)
@@ -318,7 +318,7 @@ def test_connection_needs_the_password():
     cell.do(Request.CONNECT, 1, b'')
 
 
-def test_refusals_before_the_model_check_and_without_motors():
+def test_requests_are_refused_before_the_model_check_and_with_motors_off():
     cell = Cell()
     cell.do(Request.CONNECT, 1)
     assert cell.refused(Request.SET_MOTORS, 1) == Refusal.MODEL_NOT_CHECKED
@@ -333,7 +333,7 @@ def test_refusals_before_the_model_check_and_without_motors():
     assert cell.send(Request.MODEL).data == b'C8-C901S\0'
 
 
-def test_mode_is_refused_while_the_arm_brakes():
+def test_motion_mode_is_refused_while_the_arm_brakes():
     cell = Cell().enable()
     accelerate(cell)
     cell.do(Request.SET_MODE, 0)
@@ -343,7 +343,7 @@ def test_mode_is_refused_while_the_arm_brakes():
     assert cell.stream([cell.controller.arm.commanded[0]] * 20).high
 
 
-def test_settings_survive_a_reboot_as_documented():
+def test_payload_survives_a_reboot_and_formats_do_not():
     cell = Cell().enable()
     cell.do(Request.SET_MODE, 0)
     cell.do(Request.SET_WEIGHT, data=WEIGHT_DATA.pack(2.5))
@@ -361,7 +361,7 @@ def test_settings_survive_a_reboot_as_documented():
     assert cell.do(Request.MODEL_CHECKED) == 0
 
 
-def test_notices_at_each_change_and_periodically():
+def test_notices_are_sent_at_each_change_and_periodically():
     cell = Cell()
     cell.do(Request.CONNECT, 1)
     cell.sent.clear()

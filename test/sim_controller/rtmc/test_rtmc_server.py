@@ -80,7 +80,7 @@ def session(port):
         return RtmcStatus.decode(received(client, Request.STATUS))
 
 
-def test_client_gets_replies_and_notices_and_the_next_one_too(port):
+def test_each_of_two_successive_clients_gets_replies_and_notices(port):
     async def main():
         async with served(port) as running:
             for _ in range(2):
@@ -90,7 +90,7 @@ def test_client_gets_replies_and_notices_and_the_next_one_too(port):
     run(main(), real_time=True)
 
 
-def test_defect_ends_the_servers(port, monkeypatch):
+def test_exception_in_real_time_motion_ends_the_servers(port, monkeypatch):
     monkeypatch.setattr(RtmcPort, 'receive', lambda *_: 1 // 0)
 
     async def main():
@@ -103,7 +103,7 @@ def test_defect_ends_the_servers(port, monkeypatch):
     run(main(), real_time=True)
 
 
-def test_used_port_is_an_error(port):
+def test_occupied_port_is_an_error_at_the_start(port):
     async def main():
         with Transport(HOST, port), pytest.raises(TransportError, match='in use'):
             async with served(port):

@@ -123,7 +123,7 @@ def test_place_and_posture_give_the_taught_joints(name):
         assert np.allclose(points.joints(points.place(joints), near), joints, atol=1e-6)
 
 
-def test_relative_motions_in_tool_and_base_frames(caplog):
+def test_relative_motions_move_in_tool_and_base_frames(caplog):
     """TMove and TGo in the tool frame, BMove and BGo in the base frame (p827, p163)."""
     harness = run_main(
         caplog,
@@ -151,7 +151,7 @@ def test_relative_motions_in_tool_and_base_frames(caplog):
         ('P2, P1 +X(40), ARC_LONG', -180, (40, 0)),
     ],
 )
-def test_inv2_arc_given_by_angle_radius_or_centre(caplog, arc, sweep, center):
+def test_inv2_arc_is_executed_from_an_angle_a_radius_or_a_centre(caplog, arc, sweep, center):
     harness = run_main(
         caplog,
         f'  SpeedS 300; AccelS 2000; P1 = Here; P2 = P1 +X(80)\n  Arc {arc}\n'
@@ -230,7 +230,7 @@ def test_ljm_of_six_axes_moves_one_joint_the_least(number, seed):
      (7, '', 'b'), (8, '', 'b')],
 )  # fmt: skip
 @pytest.mark.parametrize('seed', range(3))
-def test_ljm_of_an_n_may_change_hand_and_elbow(number, hand, elbow, seed):
+def test_ljm_of_an_n_series_arm_may_change_hand_and_elbow(number, hand, elbow, seed):
     points, place, near = numbered(load_robot_model('n2_a450s'), seed)
     here = points.place(near)
     result = points.least_motion(place, near, number)
@@ -266,7 +266,7 @@ def test_jump_tlz_moves_along_the_tool_axis_and_across(caplog):
     assert np.abs(along[down:, :2] - [40.0, 10.0]).max() < 0.05
 
 
-def test_hanging_n_jumps_below_its_base(caplog):
+def test_hanging_n_series_arm_jumps_below_its_base(caplog):
     """Like EPSON's N2_sample, in the default posture. Joint 1 does not move."""
     harness = run_main(
         caplog,
@@ -278,7 +278,7 @@ def test_hanging_n_jumps_below_its_base(caplog):
     assert harness.printed[:2] == ['45', '45 -1']
 
 
-def test_point_of_an_n_stores_its_undetermined_angle():
+def test_point_of_an_n_series_arm_stores_its_undetermined_angle():
     """J4Angle of a straight wrist (p455), which Here stores."""
     points = RobotPoints(FOLDING)
     joints = np.radians([10.0, 30.0, 60.0, 25.0, 0.0, 20.0])
@@ -379,7 +379,7 @@ def test_point_of_a_local_is_transformed(caplog):
     assert harness.printed[:2] == ['-1 15', '0']
 
 
-def test_limz_of_a_jump_and_sense_above_its_target(caplog):
+def test_jump_respects_limz_and_evaluates_sense_above_its_target(caplog):
     harness = scara(
         caplog,
         '  LimZ 0; P1 = Here; P2 = P1 +U(20)\n  Jump P2 LimZ -30\n'
@@ -415,7 +415,7 @@ def test_parallel_outputs_switch_at_their_fraction_of_the_path(caplog):
     assert harness.printed[:2] == ['0 1 1', '-1']
 
 
-def test_parallel_error_belongs_to_the_task(caplog):
+def test_error_of_a_parallel_statement_belongs_to_its_task(caplog):
     harness = run_main(
         caplog,
         '  OnErr GoTo failed\n  P1 = Here\n  Go P1 +Y(10) ! D50; Error 8123 !\n  Print "no"\n'

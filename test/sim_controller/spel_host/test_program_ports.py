@@ -197,7 +197,7 @@ def test_invalid_program_is_refused_with_file_and_line(tmp_path):
 
 
 @pytest.mark.slow
-def test_used_port_is_replaced_unless_requested(tmp_path):
+def test_occupied_port_is_replaced_by_a_free_one_unless_requested(tmp_path):
     with socket.create_server(('127.0.0.1', 0)) as taken:
         busy = taken.getsockname()[1]
         source = f'Function main\n  SetNet #203, "", {busy}\n  OpenNet #203 As Server\nFend\n'

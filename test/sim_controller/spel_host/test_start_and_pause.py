@@ -40,7 +40,7 @@ def press(harness):
     harness.step(0.1)
 
 
-def test_startmain_starts_main_and_it_moves(caplog):
+def test_startmain_starts_main_which_moves_the_arm(caplog):
     harness = SpelProgramHarness(STARTING, caplog)
     harness.step(0.1)
     assert harness.printed == ['main']
@@ -326,7 +326,7 @@ def test_invalid_main_is_an_error_of_the_controller(caplog):
     assert harness.tasks == []
 
 
-def test_statements_are_counted_and_frames_are_refused(caplog):
+def test_idle_loop_executes_few_statements_and_refuses_frames(caplog):
     harness = SpelProgramHarness('Function main\n  Do\n    Wait 0.1\n  Loop\nFend\n', caplog)
     harness.step(0.05)
     program = harness.controller.program

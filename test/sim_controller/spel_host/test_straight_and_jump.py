@@ -323,7 +323,7 @@ def crossing_and_height(caplog, statement, power):
 
 
 @pytest.mark.parametrize('statement', one_in(3, ['Jump', 'Jump3', 'Jump3CP']))
-def test_arch_at_low_power_is_lower(caplog, statement):
+def test_arch_of_a_jump_is_lower_at_low_power(caplog, statement):
     """SPEL+ reference, p. 474, p. 479: "When speed is lower, the trajectory will be lower"."""
     fast, slow = (crossing_and_height(caplog, statement, power) for power in (HIGH, ''))
     for fraction in (0.05, 0.15, 0.85, 0.95):
