@@ -17,7 +17,7 @@ from simulation.shrink import shrunk
 from simulation.world import World, quiet
 
 KEPT = 200
-"""Seeds that reached a new situation and are varied further."""
+"""Maximum number of seeds that are kept for variation, because they reached a new situation."""
 
 
 def main() -> int:
@@ -48,7 +48,7 @@ def main() -> int:
 
 
 def played(world: World, events: list[Event]) -> BrokenError | None:
-    """Play a world and return the violation, or None."""
+    """Play a world and return the violated invariant, or None."""
     try:
         world.play(events)
     except BrokenError as error:

@@ -23,25 +23,26 @@ from epson_driver.tool_motion.curve_motion import CurveMotion
 from simulation.oracles import BrokenError
 
 ROUNDING_FRACTION = 1e-5
-"""Rounding tolerance, as a fraction of a limit."""
+"""Tolerance for rounding at a velocity, acceleration or jerk limit, as a fraction of it."""
 
 JUMP_FRACTION = 1e-4
-"""Tolerance for a jump of velocity or acceleration. A start may be cancelled within 1 us."""
+"""Tolerance for a jump of velocity or acceleration. It is needed because a start may be cancelled
+within 1 us."""
 
 OUTSIDE_RAD = 1e-8
 """Tolerance for positions outside a range, and for jumps of position."""
 
 SHORT_S = 1e-7
-"""Minimum duration of a piece, s. Shorter ones are ignored."""
+"""Minimum duration of a piece of a motion, s. Shorter pieces are ignored."""
 
 EVEN_S = 1e-3
-"""Duration below which the jerk counts as constant, s. The remainder of another piece would
-distort it."""
+"""Duration of a piece below which its jerk counts as constant, s. A fit would be distorted by the
+end of another piece."""
 
 SLOPES = chebyshev.chebvander(NODES, len(NODES) - 2) @ chebyshev.chebder(
     np.linalg.inv(chebyshev.chebvander(NODES, len(NODES) - 1))
 )
-"""Matrix from the values at the nodes to the slopes there, over -1 … 1."""
+"""Matrix from a polynomial's values at the nodes, in -1 … 1, to its slopes at the nodes."""
 
 HALVINGS = 50
 
@@ -50,7 +51,7 @@ At = Callable[[float], State]
 
 
 class ArmLimits:
-    """Judges a controller's executors by an arm's limits. `break_` receives violations."""
+    """Checks executed motions against an arm's limits. `break_` receives violations."""
 
     def __init__(self, limits: JointLimits, break_: Callable[[BrokenError], object]) -> None:
         self._limits = limits
@@ -80,7 +81,7 @@ class ArmLimits:
             self.judge(spans, before)
 
     def judge(self, spans: Spans, before: State | None) -> State:
-        """Judge executed spans after a state, None if unknown. Returns the state at their end."""
+        """Check spans after the state `before` (None: unknown). Return the last state."""
         result = Extrema()
         after = result.extend(spans, self._limits, before or spans[2])
         if result.worst > 1.0 + ROUNDING_FRACTION or result.outside > OUTSIDE_RAD:
@@ -138,7 +139,7 @@ class Segments(list[Segment]):
         super().clear()
 
     def look(self) -> None:
-        """Judge a new brake. A brake always runs until the arm is at rest."""
+        """Check a new braking motion as a whole, because it always ends with the arm at rest."""
         brake = self._executor._brake  # noqa: SLF001
         if brake is self._brake:
             return
@@ -169,7 +170,7 @@ class Segments(list[Segment]):
 def spans_of(at: At, instants: Array) -> Spans:
     """Return the spans between instants, s, at which the jerk may jump.
 
-    The first and the last are farther apart than SHORT_S.
+    The first and the last instant must be more than SHORT_S apart.
     """
     instants = np.unique(instants)
     kept = instants[np.append(True, np.diff(instants) > SHORT_S)]
@@ -190,7 +191,7 @@ def spans_of(at: At, instants: Array) -> Spans:
 
 
 def cuts(motion: Motion | JointMotion, begin: float, since: float, until: float) -> Array:
-    """Return both ends, and the instants between at which its jerk may jump, s."""
+    """Return `since`, `until`, and the instants between them at which the jerk may jump, s."""
     result = begin + np.array(_jumps(motion))
     return np.concatenate([[since], result[(result > since) & (result < until)], [until]])
 

@@ -34,13 +34,13 @@ SHUT = {
     'DOOR_OPEN': 'door',
     'DOOR_CLOSE': 'door',
 }
-"""The cause that each of these events sets or clears."""
+"""Pendant event → the cause of a closed gate that it sets or clears."""
 
 KNOWN_S = 3.0
-"""Time within which a driver knows of a cause, s: from STATUS, or from the silent state port."""
+"""Time within which a driver detects such a cause, s, by STATUS or by a silent state port."""
 
 LINKS = {'statements': ('remote',), 'rtmc': ('motion',)}
-"""The only port that some drivers use. The others use motion and state."""
+"""Interface of the driver → the only port that it uses. Other interfaces use motion and state."""
 
 ON_ANY_PORT = ('cut', 'half_open', 'delay', 'jitter', 'coalesce', 'one_byte')
 """Faults that can affect the remote port, too."""
@@ -49,14 +49,14 @@ UNSURE_S = 1.0
 """Maximum time for which flipped bits may be in transit, s."""
 
 STOP_S = 0.5
-"""Maximum time for a STOP in addition to the network, s: the arm brakes."""
+"""Maximum time from the arrival of a STOP to the standstill of the arm, s."""
 
 MOVES_S = 20.0
 """Maximum time for which the arm may move after a person's `continue`, s."""
 
 
 class WorldInterface(Protocol):
-    """The parts of the world used here."""
+    """The parts of the world that AtController uses."""
 
     arm: Arm
     loop: VirtualLoop
@@ -84,7 +84,7 @@ class AtController:
         self._unsure_until = self._read_from = 0.0
         self._closing = -world.person
         self._shut: dict[str, float] = {}
-        """Causes that forbid motion, with their start times, s."""
+        """Cause that forbids motion → its start time, s."""
         self.links = LINKS.get(world.profile.program.interface, ('motion', 'state'))
         """Ports that the driver needs. After the loss of one, the arm must be enabled again."""
 
@@ -112,7 +112,7 @@ class AtController:
             self._doubt()
 
     def _doubt(self) -> None:
-        """Record that new data may be wrong until UNSURE_S after it is read."""
+        """Record that new data may contain flipped bits until UNSURE_S after it is read."""
         until = max(self._now(), self._read_from) + UNSURE_S
         self._unsure_until = max(until, self._unsure_until)
 
@@ -135,7 +135,7 @@ class AtController:
     # --- a person ----------------------------------------------------------------------------
 
     async def pendant(self, event: str) -> None:
-        """Do a person's event. Undoing an event that closed the gate takes a while."""
+        """Perform an operator's event. If it undoes another, a reaction time passes before it."""
         if event in CLOSING:
             self._closing = self._now()
         elif (left := self._closing + self._world.person - self._now()) > 0.0:

@@ -168,8 +168,8 @@ class _Server:
 class DdsBus:
     """All participants. `delay` draws the time of a message in transit, s.
 
-    `cut_off(port)`: whether messages of this UDP port wait. `clock`: true time, s (None: the
-    loop's).
+    `cut_off(port)`: whether messages of this UDP port are held back. `clock`: true time, s (None:
+    the loop's).
     """
 
     def __init__(

@@ -37,7 +37,7 @@ PREPARES_FRACTION = 0.1
 """Fraction of worlds whose node smooths goals before execution although it need not."""
 
 WORKER_FRACTION = 0.4
-"""Fraction of these in which the planning process dies, and in which it hangs."""
+"""Fraction of the worlds with a planning process in which it dies, and in which it hangs."""
 
 SMOOTH_PROFILES = ('simulated', 'simulated', 'simulated', 'rc700a', 'generic', 'motoman')
 
@@ -270,13 +270,13 @@ Plan = tuple[tuple[float, str, Parameters], ...]
 """Events: maximum time since the previous one, s, the kind, and fixed parameters."""
 
 SITUATION_FRACTION = 0.5
-"""Fraction of worlds that include such sequences."""
+"""Fraction of worlds that include sequences of SITUATIONS."""
 
 FAR = {'step': 1.0, 'offsets': [[0.3, -0.2, 0.3, 0.1, 0.2, 0.3], [-0.3] * JOINTS]}
 LONG = FAR | {'step': 6.0}
 STICK = {'publisher': 0, 'kind': 'velocities', 'speed': [0.3, -0.1, 0.1, 0.1, 0.1, 0.1]}
 LATER: tuple[float, str, Parameters] = (12.0, 'end_stream', {})
-"""By this time the arm must be at rest with any controller, if no motion is requested."""
+"""Event after 12 s, when an arm without a requested motion must be at rest with any controller."""
 
 SITUATIONS: tuple[Plan, ...] = (
     *(
@@ -344,7 +344,8 @@ SITUATIONS: tuple[Plan, ...] = (
         (0.5, 'goal', {}),
     ),
 )
-"""Sequences that once revealed an error, or might. They are mixed with random events."""
+"""Sequences of events that once revealed an error, or might reveal one. They are mixed with random
+events."""
 
 CLOCK_SITUATION: Plan = (
     (1.0, 'mend', {}),

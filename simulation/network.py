@@ -25,7 +25,7 @@ BUFFER_BYTES = 32_768
 """Capacity of the system's buffers in one direction."""
 
 CHUNK_BYTES = 16_384
-"""Maximum size of one arrival."""
+"""Maximum number of bytes that arrive together."""
 
 HIGH_WATER_BYTES = 65_536
 """Unsent bytes above which a protocol must pause writing, like in asyncio."""

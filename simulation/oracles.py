@@ -22,7 +22,7 @@ STILL_RAD = 1e-9
 """Maximum step of a commanded joint that counts as at rest."""
 
 HOLD_RAD = 1e-4
-"""Maximum motion of an arm that holds its measured position, rad: encoders round."""
+"""Maximum motion of an arm that holds its measured position, rad, because encoders round."""
 
 REACTION_S = 0.5
 """Maximum transit time of commands sent before a stop to an arm at rest, s."""
@@ -37,16 +37,16 @@ HELD_S = 1.0
 """Time for which a stream without setpoints still counts as requesting motion, s."""
 
 ANSWERED_S = 0.02
-"""An arm that has moved within this time is not at rest, s."""
+"""Time since the last motion after which an arm may be reported at rest, s."""
 
 POSSIBLE_RAD = 0.15
-"""Maximum distance of published joints outside their range, in any case, rad."""
+"""Maximum distance of published joints outside their range, even if bits were flipped, rad."""
 
 LATE_WRITE_S = 5.0
 """Time for which an unanswered write may still take effect, s."""
 
 READ_RAD = 2e-3
-"""Tolerance between published and true positions, rad: encoders lag and round."""
+"""Tolerance between published and true positions, rad, because encoders lag and round."""
 
 
 class BrokenError(AssertionError):
@@ -57,7 +57,7 @@ class BrokenError(AssertionError):
 class Topic:
     """A topic with setpoints, from the users' view. Times in s.
 
-    free: a stream has been started since the last stop, under the rules for that.
+    free: whether a stream was allowed to start after the last stop.
     """
 
     wanted: float = -np.inf
@@ -79,7 +79,7 @@ class Wishes:
     given_up: dict[int, float] = field(default_factory=dict)
     """Goals that are no longer wanted and have not ended, with the times, s."""
     closed_meanwhile: bool = False
-    """Whether something has closed the gate since the last request to open it."""
+    """Whether an event has closed the gate since the last request to open it."""
     person: bool = False
     """Whether a person at the controller has let the arm continue."""
     topics: dict[str, Topic] = field(default_factory=dict)
@@ -101,7 +101,7 @@ class Wishes:
         return bool(self.goals) or self.person or any(followed)
 
     def nothing(self, now: float) -> None:
-        """Record a stop: no motion is requested any more."""
+        """Record a stop, after which no motion is requested any more."""
         self.give_up(self.goals, now)
         self.person = False
         for topic in self.topics.values():
@@ -148,11 +148,11 @@ class Arm:
         """Commanded travel, summed over all joints, rad."""
         self._unwanted_since: float | None = None
         self._rested = True
-        """Whether it has been at rest since the last request for motion ended."""
+        """Whether the arm has been at rest since the last request for motion ended."""
         self._true: deque[tuple[float, Array]] = deque()
         self._commanded: Array = controller.arm.commanded.copy()
         self._rest, self._hold = self._commanded, HOLD_RAD
-        """Position of that rest, and the tolerance for it, rad, in each joint."""
+        """Position at which the arm must rest, and the tolerance in each joint, rad."""
         limits = controller.model.limits
         self._fastest = limits.velocity * (1.0 + 1e-6)
         self._cycle = controller.profile.rtmc.cycle if controller.real_time else 0.0
@@ -165,7 +165,7 @@ class Arm:
 
     @property
     def still(self) -> bool:
-        """Whether it is at rest, its servos too."""
+        """Whether the command and the servos of the arm are at rest."""
         return bool(self._now() - self.moved > 0.1)
 
     def step(self, seconds: float) -> None:
@@ -266,7 +266,7 @@ class Writing:
 
     value: int
     until: float = np.inf
-    """Time from which it is ignored, s."""
+    """Time after which the write can no longer take effect, s."""
     answered: bool = False
     alone: bool = True
 

@@ -44,7 +44,7 @@ INTENDED_S = 0.4
 
 
 class PlayedRobot:
-    """The driver as the panel sees it over ROS: its reports, and the requests to it."""
+    """The driver as the panel sees it over ROS: reports from the driver, and requests to it."""
 
     name = 'driver'
 

@@ -47,10 +47,10 @@ TOLERANCE_RAD = 0.01
 """Goal tolerance, and the tolerance for the final position of a successful goal."""
 
 CONNECT_S, CONNECT_AGAIN_S = 10.0, 0.5
-"""Time for which a program waits for its controller, and before its next attempt, s."""
+"""Time for which a program tries to connect, and time until its next attempt, s."""
 
 OnEnd = Callable[[Outcome, Array | None], object]
-"""on_end(outcome, target joints, or None if unknown)."""
+"""on_end(outcome, target) is called when a goal has ended. target: joints, rad (None: unknown)."""
 
 
 class DiedError(Exception):
@@ -149,7 +149,7 @@ class NodeProcess(Process):
 
     @property
     def gate(self) -> bool | None:
-        """Whether its diagnostics report an enabled arm. None: it reports nothing."""
+        """Whether the node's diagnostics report an enabled arm. None: no diagnostics."""
         return None if self.died.done() or self.hangs else self.driver.gate.reason is None
 
     async def leave(self, *, lost: bool) -> None:
@@ -277,7 +277,7 @@ class RobotProcess(Process):
 
     @property
     def gate(self) -> bool | None:
-        """None: a program publishes no diagnostics."""
+        """Return None, because a program publishes no diagnostics."""
         return None
 
     async def _connect(self) -> None:

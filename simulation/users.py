@@ -32,14 +32,16 @@ READ_RAD = 2e-3
 """Tolerance between the arm's position and its encoders, rad."""
 
 SETTLED_RAD = 1e-3
-"""Distance from a successful goal within which the arm must not move away any more, rad. A more
-distant one, within the tolerance, may still have to execute its last points."""
+"""Distance from a successful goal within which the arm must not move away any more, rad. At a
+larger distance within the tolerance, the arm may still have to execute its last points."""
 
 LATEST_S = 1.0
-"""Time after a stop or cancel within which a goal may still succeed, s: it had already arrived."""
+"""Time after a stop or cancel within which a goal may still succeed, s, because the arm had
+already arrived."""
 
 SOONER_S = 0.05
-"""Tolerance for a success before the planned time, s: the state's time stamps are inexact."""
+"""Tolerance for a success before the planned time, s, because the time stamps of the state are
+inexact."""
 
 SAME_RAD = 1e-6
 """Minimum change of position that counts as a request for motion, rad."""
@@ -72,9 +74,9 @@ class WorldInterface(Protocol):
     timed: bool
     """Whether the controller respects the duration of a goal."""
     statements: bool
-    """Whether it is moved by Remote Ethernet, without a program."""
+    """Whether the controller is moved by Remote Ethernet, without a program."""
     streams: bool
-    """Whether it follows streams."""
+    """Whether the controller follows streams."""
     person: float
     """Reaction time of a person, s. STATUS has reached the driver by that time."""
 
@@ -243,7 +245,7 @@ class Users:
         self.request('reset_error')
 
     def request(self, name: str, say: Callable[[str], object] = lambda _: None) -> None:
-        """Call a service. Motion after a stop needs a new request."""
+        """Call a service of the driver, such as stop or enable."""
         if name == 'stop':
             self.wishes.nothing(self.loop.time())
         elif name == 'disable':
@@ -273,7 +275,7 @@ class Users:
         return message
 
     def look_at_gate(self) -> None:
-        """Judge that the arm was enabled only by a request."""
+        """Report a violation if the arm was enabled without a request."""
         closed, enables = self._looked
         if closed and self.gate and not self._enabling and self._enables == enables:
             text = '4: the arm is enabled without a request'

@@ -20,10 +20,10 @@ from typing import Any
 from simulation.network import PROCESS, Listener, Network, Socket
 
 START_S = 1000.0
-"""Initial time of the loop, s: 0 must not mean 'never' by accident."""
+"""Initial time of the loop, s. It is not 0, so that a time of 0 always means 'never'."""
 
 SOON_S = 1e-6
-"""Minimum delay of a timer, s. A rounding residue must not make a timer due forever."""
+"""Minimum delay of a timer, s. Without it, rounding could leave a timer due forever."""
 
 MAX_CALLS = 1_000_000
 """Maximum number of callbacks at one time. More indicate a task that spins."""
@@ -71,11 +71,11 @@ class Drift:
     shown: float
 
     def shows(self, now: float) -> float:
-        """Return its value at a true time, s."""
+        """Return the value of the clock at a true time, s."""
         return self.shown + (now - self.since) * self.rate
 
     def true(self, shown: float) -> float:
-        """Return the true time of a value, s."""
+        """Return the true time at which the clock shows a value, s."""
         return self.since + (shown - self.shown) / self.rate
 
 
@@ -112,12 +112,12 @@ class VirtualLoop(asyncio.BaseEventLoop):
         return self.now
 
     def drift(self, process: str, rate: float) -> None:
-        """Run the clock of a process, one in a world, at a rate: 1 for the true one."""
+        """Run the clock of one process of a world at a rate (1: true time)."""
         shown = self.now if self._drift is None else self._drift.shows(self.now)
         self._drift = Drift(process, rate, self.now, shown)
 
     def _write_to_self(self) -> None:
-        """Do nothing: no other thread calls."""
+        """Do nothing, because no other thread calls."""
 
     def _run_once(self) -> None:
         """Run one timer after the other, and its consequences, until the loop stops."""

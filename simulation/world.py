@@ -72,7 +72,7 @@ PROFILES = (
     *('simulated', 'rc700a', 'generic', 'motoman', 'remote') * 2,
     *('spel', 'fanuc', 'abb', 'simulated'),
 )
-"""Profiles with a high processor load are rarer."""
+"""Profiles of worlds. Profiles with a high processor load are listed once, the others twice."""
 
 SLOWEST_S = 2500.0
 """Maximum duration of a goal at the lowest speed, s."""
@@ -88,7 +88,7 @@ REAL_TIME_DELAY_S = 0.0005
 PLANNING_S = (0.0, 0.05, 0.5)
 STATE_TIMEOUT_S = 1.0
 PERSON_S = 0.3
-"""Minimum time for a person to find a remedy, s. It is longer at rarer STATUS."""
+"""Minimum time for a person to find a remedy, s. It is longer if STATUS is sent less often."""
 
 PROGRAM_FRACTION = 0.2
 """Fraction of worlds in which a Python program replaces the node."""
@@ -101,7 +101,8 @@ MAX_ENDS = 8
 ports."""
 
 MORE = 4
-"""Tolerance for tasks and timers in the calm final state: the I/O link may be waiting or not."""
+"""Tolerance for tasks and timers in the calm final state: the I/O link may be waiting for its next
+attempt."""
 
 RECOVERY_S = 60.0
 """Time within which the arm must work again after the faults have ended, s."""

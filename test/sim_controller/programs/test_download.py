@@ -70,7 +70,7 @@ def test_dead_time_starts_when_a_point_arrives():
     assert harness.arm.moving
 
 
-def test_stop_during_the_dead_time_ends_the_download():
+def test_stop_ends_the_dead_time_of_a_download():
     harness = new_harness(dead_time=0.1)
     harness.send(*trajectory(50), point(STOP), *trajectory(2))
     harness.step(0.21, 0.001)
