@@ -246,7 +246,7 @@ class ArmCommands:
         return True, ' and the motors are off'
 
     async def reset_error(self) -> str:
-        """Reset the controller's error. If that stops its program, disable the arm first."""
+        """Reset the controller's error. If this stops the program, disable the arm first."""
         await self._wait_for_first_stop()
         if self._driver.motors.restarts:
             self._driver.fault('disabled by the reset, which stops the program')

@@ -87,8 +87,8 @@ class Driver:
         """Function that describes other processes with the same ROS names, or returns ''. Such
         processes also receive the requests for this driver."""
         self.second_driver_known = 0.0
-        """Loop time at which all such processes have been discovered, s. The arm is not enabled
-        earlier."""
+        """Loop time at which all processes with the same ROS names have been discovered, s. The
+        arm is not enabled earlier."""
         self.stop_due = False  # STOP must be the first message of the new motion connection
         channel = make_channel(
             configuration,
@@ -176,7 +176,7 @@ class Driver:
             await self.goal_queue.close()
 
     async def shut_down(self) -> None:
-        """Stop the arm within SHUT_DOWN_TIMEOUT_S. If it then still moves, cut its power."""
+        """Stop the arm within SHUT_DOWN_TIMEOUT_S, or else switch the motors off."""
         self.gate.close('the driver is shutting down')
         deadline = self._now() + SHUT_DOWN_TIMEOUT_S
         try:

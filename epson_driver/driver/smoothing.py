@@ -130,7 +130,7 @@ class SmoothingProcess:
 async def result_of(
     process: asyncio.subprocess.Process, value: object, kinds: Collection[type], timeout: float
 ) -> object:
-    """Send `value` to a worker process, and return its result. `kinds`: its allowed types."""
+    """Send `value` to a worker process and return its result. `kinds`: allowed result types."""
     if process.stdin is None or process.stdout is None:
         raise ValueError('the worker process was started without pipes for stdin and stdout')
     try:

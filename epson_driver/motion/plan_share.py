@@ -16,7 +16,7 @@ MIN_SHARE = 1e-3
 """
 
 SPARSE_S = 0.25
-"""Time between points above which a divided difference does not show the highest value, s."""
+"""Time between points above which divided differences are too far below the highest values, s."""
 
 SPARSE_VELOCITY, SPARSE_ACCELERATION = 1.5, 3.0
 """Ratios of the highest values of a cubic from rest to rest to its divided differences."""

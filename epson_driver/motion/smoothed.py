@@ -22,7 +22,8 @@ MIN_TOLERANCE = 2.0 * MERGE_TOLERANCE
 """Minimum tolerance of `denoised`, rad (or m). The smoother uses half of it to merge points."""
 
 STIFFNESS = 1e3
-"""Weight of the accelerations relative to the deviations. It averages over about 20 points."""
+"""Weight of the accelerations relative to the deviations. With this weight, about 20 points are
+averaged."""
 
 FIXED_WEIGHT = 1e12
 """Weight of a point whose position must not change. No weight is larger."""
@@ -112,7 +113,7 @@ MIN_SEGMENTS = 2
 """Minimum number of segments for `fastest`. For a single segment, the smoother is optimal."""
 
 ROUNDING_SHARE = 1e-9
-"""Fraction of a period that counts as rounding."""
+"""Fraction of a sample period below which a time difference counts as rounding."""
 
 Planner = Callable[[Request, JointLimits], Plan | None]
 

@@ -112,7 +112,7 @@ DETAILS: dict[tuple[int, int], str] = {
 
 
 def required(request: int, low: int) -> Conditions | None:
-    """Return the conditions of a request with its low word, or None if it is unknown."""
+    """Return the conditions for accepting a request, or None if the request is unknown."""
     if request == Request.SET_MODE:
         return ENABLE if low else DISABLE
     return CONDITIONS.get(request)

@@ -3,9 +3,9 @@
 """The targets of one smooth motion, one for each control cycle of the controller.
 
 The smoother's motion is sampled into a ring of targets, from which the transport's thread takes
-one per cycle. Each filling ends with targets that brake from its last one to rest, so that the
-thread brakes by itself if the ring is not filled again, for example because the event loop hangs.
-A stop replaces the targets that are not taken yet. All targets are within the limits.
+one per cycle. After the targets of the motion, the ring contains targets that brake to rest. The
+thread therefore brakes the arm if the ring is not filled again, for example because the event loop
+hangs. A stop replaces the targets that are not taken yet. All targets are within the limits.
 """
 
 from collections import deque

@@ -101,7 +101,7 @@ class StreamFeeder(SetpointTracker):
             self._now = max(min(self._ring.taken + lead, self._end), self._first)
 
     def _command(self, act: Callable[[], None]) -> None:
-        """Change the motion with `act`, from the next target on that the ring can replace."""
+        """Call `act`, which changes the motion from the next replaceable target on."""
         if self.stopped:
             return
         before, lead = (self.motion, self._first, self._final), STOP_TARGETS

@@ -94,7 +94,7 @@ def library() -> ctypes.CDLL:
 
 
 class Transport:
-    """One side of the connection. It uses only the network interface that has `address`.
+    """One side of a connection. It uses only the network interface that has `address`.
 
     With a `peer` it is the client's side. Otherwise it is the controller's side, which listens at
     `port`. All methods run in one thread.

@@ -176,7 +176,7 @@ class MotionSession:
 _log = logging.getLogger(__name__)
 
 MAX_REMOTE_CLIENTS = 16
-"""Maximum number of remote clients. A new client beyond it replaces one of them."""
+"""Maximum number of remote clients. If there are more, a new client replaces another one."""
 
 GRACE_S = 0.1
 """Time after its connection in which a remote client is not evicted, s.

@@ -97,7 +97,7 @@ class Program(ABC):
 
     @abstractmethod
     def restart(self) -> None:
-        """Abort, and discard the trajectory."""
+        """Brake, answer all points with FAILURE, and discard the trajectory."""
 
     def detach(self) -> None:  # noqa: B027
         """Discard the unacknowledged points of a client that has disconnected."""

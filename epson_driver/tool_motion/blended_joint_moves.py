@@ -203,7 +203,8 @@ def _blend(
     """Return a blend's extent to each side of a corner, s at full speed, and its coefficients.
 
     rates: joint velocities at full speed before and after the corner. extent: maximum extent, s.
-    It is reduced until the tool stays within `radius`, m. index: of the move, for BlendError.
+    It is reduced until the tool stays within `radius`, m. index: index of the move, for
+    BlendError.
     """
     (origin,) = positions(corner[None, :])
     fractions = np.linspace(0.0, 1.0, SAMPLES + 1)
@@ -232,7 +233,7 @@ def _stricter(first: JointLimits, second: JointLimits) -> JointLimits:
 
 
 def _part_limits(part: _Part) -> PartLimits:
-    """Return limits for the motion along a part. With them, the joints respect their limits."""
+    """Return the limits along a part with which the joints respect their limits."""
     fractions = np.linspace(0.0, 1.0, SAMPLES + 1 if part.blend else 2)
     first, second, third = (
         np.max(np.abs(part.derivative(fractions, order)), axis=0) / part.size**order

@@ -22,7 +22,8 @@ MAX_TOOL_M = 10.0
 def numbers(field: str, values: object, form: str = 'numbers') -> Array:
     """Return numbers as an array. They may be NaN or infinite.
 
-    Raises ValueError if `values` are not numbers. form: description of them for the error text.
+    Raises ValueError if `values` are not numbers. form: description of valid numbers for the error
+    text.
     """
     if isinstance(values, str):
         raise ValueError(f'{field} = {shown(values)}: must be {form}')

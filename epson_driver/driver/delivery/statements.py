@@ -145,7 +145,7 @@ class StatementDelivery(Delivery):
             self._remote.abort(on_answer)
 
     def joints(self, target: Array, speed: float, acceleration: float) -> str:
-        """Return the statements of a joint move. Its arguments are fractions of the maximum."""
+        """Return the statements of a joint move. `speed`, `acceleration`: fractions (0, 1]."""
         percent, ramp = _percent(speed), _percent(acceleration)
         text = f'Speed {percent}; Accel {ramp}, {ramp}; Go {self._point(target)}'
         return f'{self._settings}; {text}'

@@ -382,7 +382,7 @@ class TimingMonitor:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, why, Remedy.ALLOW_OTHER_SPEED)
 
     def _too_slow(self, fastest: float) -> str:
-        """Return why the controller cannot move as slowly as a plan's fastest joint, or ''."""
+        """Return why the controller cannot move as slowly as a plan's highest speed, or ''."""
         if self._slowest <= MAX_FASTER * fastest:
             return ''
         return (

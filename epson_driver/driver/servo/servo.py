@@ -72,8 +72,9 @@ tracker is slower by the same fraction, so that the arm does not exceed the perm
 USUAL_LAG_S = 0.08  # lag of the arm behind the points sent that is not corrected, s
 
 LAG_CORRECTION = 1.5
-"""Rate at which a longer lag is corrected, 1/s. The duration of a point is reduced by the fraction
-rate · excess of the lag. The rate is low, because the arm is faster by the same fraction."""
+"""Rate at which a lag above USUAL_LAG_S is corrected, 1/s. The duration of a point is reduced by
+the fraction rate · excess of the lag. The rate is low, because the arm is faster by this fraction.
+"""
 
 STOP_WITHIN_S = 0.3  # maximum stopping time with full limits, s. It limits the arm's speed
 MAX_LAG_S = 0.5  # maximum time by which the points sent may be ahead of the arm, s

@@ -48,7 +48,7 @@ class Window:
 
 
 NO_STATE_YET = 'its sender has no state yet: all values are NaN'
-"""Error text for a message of only NaN. ros2_control sends them while no controller is active."""
+"""Error text for a message of only NaN. ros2_control sends it if no controller is active."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

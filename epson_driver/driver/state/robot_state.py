@@ -265,7 +265,7 @@ class RobotState:
         return None
 
     def _step(self, now: float, passed: float | None) -> None:
-        """Update the clock with a message. `passed`: time since the last one by its stamp, s."""
+        """Update the clock. `passed`: time since the previous message by its time stamp, s."""
         if self._received and now - self._received > (1 + LATE_SLOTS) * self._clock.period:
             if self._calm >= CALM_MESSAGES:
                 self._calm_until = self._received

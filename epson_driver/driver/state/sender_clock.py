@@ -39,8 +39,8 @@ LATE_SLOTS = 3  # delay above which a message counts as late, in slots (message 
 DECISION_SLOTS = 4  # slots from a late message to the next evaluated spacing
 
 MAX_PAUSES = 4
-"""Maximum number of pauses before the envelope has MIN_LINE_POINTS points. If it is exceeded, the
-assumed period is wrong, and a new one is estimated."""
+"""Maximum number of pauses before the envelope has MIN_LINE_POINTS points. After more pauses, the
+assumed period is wrong, and a new period is estimated."""
 
 MIN_SPACING_S = 1e-6  # minimum time between two messages, s, because ROS time stamps must differ
 

@@ -15,7 +15,7 @@ VELOCITY_WINDOW_S, the window in which velocities are estimated."""
 
 UNCONFIRMED_REST_TIME_S = 1.0
 """Duration of a standstill that counts as rest after a STOP without acknowledgement, s. It is
-longer, because the controller may still execute earlier points."""
+longer than REST_TIME_S, because the controller may still execute earlier points."""
 
 UNREPORTED_REST_TIME_S = 0.2
 """Standstill that counts as rest at a goal if the controller never reports in_motion, s."""

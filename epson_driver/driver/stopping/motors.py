@@ -105,7 +105,7 @@ class MotorsByHand:
 
 
 class RtmcMotors:
-    """Switches the motors by Real-time Motion Control, and the power to high with them."""
+    """Switches the motors by Real-time Motion Control. Motors on also sets high power."""
 
     missing = ''
     restarts = False

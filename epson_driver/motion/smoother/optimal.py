@@ -36,7 +36,8 @@ SHORT_RAMP_TIME_S = 0.008
 """Maximum duration of a ramp in the second attempt, s."""
 
 RAMP_VIEW = 3.0
-"""Time from a rest for which a ramp's jerk is checked, as a multiple of its maximum duration."""
+"""Time from a rest for which a ramp's jerk is checked, as a multiple of the maximum duration of a
+ramp."""
 
 MIN_NODES, MAX_NODES = 8, 180
 
@@ -65,7 +66,7 @@ MAX_ROUNDS = 4
 
 EXCESS_MARGIN_RATIO = 1.01
 """Divisor of the limits in the round after an excess. In the intervals with the excess, the
-divisor is its square times the ratio of the value to its limit."""
+divisor is the square of this constant times the ratio of the value to its limit."""
 
 EXCESS_NEIGHBOURS = 2
 """Number of intervals on either side of an excess in which the limits are reduced, too."""

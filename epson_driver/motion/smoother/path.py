@@ -54,8 +54,9 @@ AT_LIMIT_DISTANCE = 1e-6
 """Distance from a position limit, rad. A joint that is closer at a knot must not move there."""
 
 ONWARD_SHARE = 0.25
-"""Fraction of the expected next segment along which a joint could move straight on from the last
-knot within its limits. A quintic with a slope at a knot overshoots by 0.19 of slope · length."""
+"""Fraction of the expected next segment along which a joint must be able to move straight on from
+the last knot, within its limits. A quintic with a slope at a knot overshoots by 0.19 of slope ·
+length."""
 
 LONG_SEGMENT = 1.5
 """Maximum expected length of the next segment, s at full speed."""

@@ -88,7 +88,8 @@ URGENT_SHARE = 0.15
 OPTIMAL, BRANCH = 'optimal', 'branch'
 
 BRANCH_SHARES = (0.15, 0.4, 0.75)
-"""Times at which a plan may branch off from the current one, as fractions of its duration."""
+"""Times at which a plan may branch off from the current one, as fractions of the current plan's
+duration."""
 
 BRANCH_HORIZON_SHARE = 0.6
 """Planning horizon of a plan that branches off, as a fraction of the usual horizon."""
@@ -140,8 +141,9 @@ def _fresh(
 def _branch(request: Request, fraction: float, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan that follows the current plan for a fraction of its duration, or None.
 
-    After this fraction, the plan takes the fastest timing through the request's points. It is
-    needed because a motion that uses its limits fully may allow no change before it brakes.
+    After this fraction, the plan takes the fastest timing through the request's points. Such a
+    plan is needed because a motion that uses its limits fully may allow no change before it
+    brakes.
     """
     current_timing, current_knots = request.current_timing, request.current_knots
     if current_timing is None or current_knots is None or effort.used_up:

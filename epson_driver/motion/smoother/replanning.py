@@ -54,7 +54,7 @@ class PendingRequest:
 
 
 class Replanning:
-    """Replaces the executed plan by a better one before it ends at rest.
+    """Replaces the executed plan by a better one before the executed plan ends at rest.
 
     With a `planner`, `plan_now` plans. Without a planner, the caller plans each `request` and
     passes the plan to `take`. At most one request is pending. A plan starts `latency` s after its

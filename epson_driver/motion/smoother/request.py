@@ -140,9 +140,9 @@ class Effort:
 class Problem:
     """The planning problem: the fastest motion from the state `start` to rest at the path's end.
 
-    commanded: the speed limit that follows from the commanded times, or None if there are none. It
-    consists of increasing path parameters u, and the maximum u̇² at each of them. Between two of
-    them, the maximum u̇² is interpolated linearly.
+    commanded: the speed limit that follows from the commanded times, or None if there are none.
+    The limit consists of increasing path parameters u, and the maximum u̇² at each of them.
+    Between two of them, the maximum u̇² is interpolated linearly.
     """
 
     path: Path

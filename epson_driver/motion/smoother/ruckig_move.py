@@ -43,8 +43,8 @@ def propose(problem: Problem) -> TimeParametrisation | None:
     """Return the verified move with the highest mean speed, or None if none was found.
 
     The move may end before the end of the path. If all moves are slow, the result is the shortest
-    move if the arm is at rest, and None if it moves. (The current plan then brings the arm to rest
-    soon, and a start from rest has more options.)
+    move if the arm is at rest, and None if the arm moves. (The current plan then brings the arm to
+    rest soon, and a start from rest has more options.)
     """
     limits = problem.limits
     unit = float(

@@ -120,7 +120,7 @@ class Waypoints:
         self._add(self.origin.position, None, now, tiny=True)
 
     def finish(self) -> bool:
-        """End the trajectory with a rest at the last point. Return False if it already ends so."""
+        """End the trajectory with a rest at the last point. Return False if it already does."""
         self._number = 0
         if self.last.rest is not None:
             return False

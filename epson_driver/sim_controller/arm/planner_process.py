@@ -96,7 +96,7 @@ class PlannerProcess:
     ) -> None:
         """Pass each plan to the caller of `ask`. Restart the process whenever it ends.
 
-        `failed` is called with the reason after each such end. All calls are made within
+        `failed` is called with the reason after each end of the process. All calls are made within
         `present()`, which first advances the controller to the current time.
         """
         while True:

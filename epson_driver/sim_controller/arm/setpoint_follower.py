@@ -28,8 +28,7 @@ RAMP_S = 0.25  # time to regain the full speed after a hold, s
 
 NEAR, FAR = 0.01, 0.02
 """Distances of the arm from its target, rad or m. If the arm is farther away than NEAR, the time
-of the stream advances more slowly. At FAR it stands still until the arm is closer.
-"""
+of the stream advances more slowly. At FAR this time stops until the arm is closer."""
 
 PASSED = 3e-4
 """Distance by which the arm may pass the last known setpoint, rad or m.

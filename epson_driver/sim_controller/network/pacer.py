@@ -54,12 +54,12 @@ class Pacer:
             self._failed, self._sleeps_until = None, -math.inf
 
     def on_task_done(self, task: 'asyncio.Task[None]') -> None:
-        """Raise the exception of a failed client task in `run`, because it is a defect."""
+        """Make `run` raise the exception of a failed client task, because it is a defect."""
         if not task.cancelled() and (error := task.exception()) is not None:
             self.fail(error)
 
     def fail(self, error: BaseException) -> None:
-        """Raise an exception in `run`, because it is a defect."""
+        """Make `run` raise an exception, because it shows a defect."""
         self._error = error
         if self._failed is not None and not self._failed.done():
             self._failed.set_exception(error)

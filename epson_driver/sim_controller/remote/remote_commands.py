@@ -101,7 +101,7 @@ class Command:
 
 
 class _LaterError(Exception):
-    """A command takes time, so its answer is sent later."""
+    """Raised by a command that takes time, so that its answer is sent later."""
 
 
 def answer(dialogue: Dialogue, line: str) -> str | None:

@@ -340,9 +340,10 @@ class RtmcPort:
     def _cycle(self) -> None:
         """Execute one control cycle.
 
-        A late simulation makes up for its missed cycles with half of the buffer, which the client
-        cannot fill during the delay. Then it waits for a full buffer. It also waits if the buffer
-        runs empty soon after a delay, because the client of a busy machine is late, too.
+        A late simulation makes up for its missed cycles, with at most half of the buffer, because
+        the client could not fill it during the delay. Then the simulation waits for a full buffer.
+        It also waits if the buffer runs empty soon after a delay, because a client on a busy
+        machine is late, too.
         """
         clock, waiting = self._controller.clock, len(self.motion.targets)
         late = clock.until - clock.now >= self._cycle_period

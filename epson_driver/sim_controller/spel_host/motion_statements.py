@@ -187,7 +187,7 @@ def _relative_move(robot: RobotContext, request: MotionRequest) -> Sequence[Poin
 def _jump3(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Return the points of Jump3.
 
-    It moves up and down on lines of the tool (SPEL+ manual p476).
+    The tool moves up and down on straight lines (SPEL+ manual p476).
     """
     depart, approach, target = _least_motion(robot, request)
     rise = _line(robot, request, depart, robot.motion.start)
@@ -227,7 +227,7 @@ def _pass(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 def _one_joint(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Return the target of JTran or PTran.
 
-    They move one joint by an angle or a distance, or by a number of pulses.
+    These statements move one joint by an angle or a distance, or by a number of pulses.
     """
     joint = robot.joint(request.name, request.numbers['joint'])
     model = robot.controller.model

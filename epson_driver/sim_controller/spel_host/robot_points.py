@@ -128,7 +128,7 @@ class RobotPoints:
         return clipped(angles, self._model.limits)
 
     def pulses(self, point: Point, near: Array) -> Array:
-        """Return the encoder pulses of a point, shape (n,). They may exceed the joint limits."""
+        """Return the encoder pulses of a point, shape (n,). The joint limits are not checked."""
         return np.rint(self._angles(point, near) * self.pulses_per_unit)
 
     def degrees(self, point: Point, near: Array) -> Array:

@@ -60,7 +60,8 @@ _TRAP_EVENTS = {Tasks.PAUSED: 'pause', Tasks.INTERRUPTED: 'sgopen', Tasks.WAIT_R
 """State of the paused tasks → name of the Trap event."""
 
 MOTION_ERRORS = range(4000, 6000)
-"""Numbers of motion errors. For them, `Trap Error` gets the robot number 1 (SPEL+ manual p856)."""
+"""Numbers of motion errors. For these errors, `Trap Error` gets the robot number 1 (SPEL+ manual
+p856)."""
 
 ROUNDING_S = 1e-9
 """Maximum rounding error of the interpreter's time, which counts from the boot, s."""
