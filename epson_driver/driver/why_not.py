@@ -193,7 +193,6 @@ class InhibitTable:
 
 
 def link_remedy(link: Link) -> Remedy:
-    """Return the remedy for a link that is down."""
     failure = link.failure
     if isinstance(failure, RemoteError) and failure.number in _NEED_PASSWORD:
         return Remedy.FIX_LOGIN
@@ -206,7 +205,6 @@ _NEED_PASSWORD = (RemoteErrorNumber.PASSWORD, RemoteErrorNumber.PASSWORD_NEEDED)
 def _silence(
     cause: Cause, what: str, now: float, newest: float | None, timeout: float
 ) -> Inhibit | None:
-    """Return the inhibit for a missing `what`, or one whose time `newest` is too long ago."""
     if newest is None:
         return Inhibit(cause, Remedy.CHECK_STATE_SERVER, f'no {what}')
     if now - newest < timeout:

@@ -437,8 +437,6 @@ class RtmcLink(Link):
 
 
 def _setting(answer: asyncio.Future[RtmcMessage]) -> Callable[[RtmcMessage], None]:
-    """Return a callback that sets the result of a future."""
-
     def on_reply(message: RtmcMessage) -> None:
         if not answer.done():
             answer.set_result(message)

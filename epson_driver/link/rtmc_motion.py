@@ -218,11 +218,9 @@ class RtmcMotion:
 
     @property
     def _goes_on(self) -> bool:
-        """Whether the controller still executes the targets of this motion."""
         return not (self._problem or self._peer.gone)
 
     async def _enable(self) -> Array:
-        """Enable the motion mode, and return the arm's position, shape (n,)."""
         peer = self._peer
         if peer.load is not None:
             await peer.ask(Request.SET_WEIGHT, data=WEIGHT_DATA.pack(peer.load[0]))

@@ -295,7 +295,6 @@ class Search:
         return True
 
     def _inverse(self) -> Array:
-        """Return the map from a change of the final state to its smallest jerks, (m, STEPS, 3)."""
         powers: Array = self._h[:, None, None] ** -np.array([3.0, 2.0, 1.0])
         return self._nodes.inverse * powers
 

@@ -123,7 +123,6 @@ class Feeder:
             lead *= 2
 
     def _replace(self, first: int, positions: list[Array], last: Motion) -> bool:
-        """Replace the targets from `first` on by `positions` and a stop from the state `last`."""
         stop = fastest_stop(self._limits, last)
         count = int(np.ceil(stop.duration / self._cycle))
         times: Array = self._cycle * np.arange(1.0, count + 1.0)

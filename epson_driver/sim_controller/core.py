@@ -373,7 +373,6 @@ class Controller:
             self.faults.point_started()
 
     def _execute(self, dt: float) -> None:
-        """Advance the executor that controls the arm by `dt` ≥ 0 s."""
         if self.arm.executor is self.arm.program_executor:
             self.program.step(dt)
         elif self.real_time is not None and self.arm.executor is self.real_time.motion:
@@ -464,7 +463,6 @@ class Controller:
             self.arm.executor.resume()
 
     def _handle_standstill(self) -> None:
-        """Perform the actions that wait for standstill, if the arm is at rest."""
         if self.in_motion:
             return
         self._log_failures()

@@ -233,7 +233,6 @@ def _stricter(first: JointLimits, second: JointLimits) -> JointLimits:
 
 
 def _part_limits(part: _Part) -> PartLimits:
-    """Return the limits along a part with which the joints respect their limits."""
     fractions = np.linspace(0.0, 1.0, SAMPLES + 1 if part.blend else 2)
     first, second, third = (
         np.max(np.abs(part.derivative(fractions, order)), axis=0) / part.size**order

@@ -140,7 +140,6 @@ def _groups(primitives: Sequence[Primitive]) -> Iterator[tuple[int, list[Primiti
 
 
 def _check_group(first: int, group: Sequence[Primitive]) -> None:
-    """Raise SequenceError unless the motions can be blended into each other."""
     for index, primitive in enumerate(group, first):
         if primitive.move_time:
             raise SequenceError(

@@ -247,7 +247,6 @@ class Arrival:
         return bool(np.all(self._distance <= self._goal.goal_tolerance))
 
     def _came_closer(self) -> bool:
-        """Return whether the joint with the longest move is at least halfway to the goal."""
         distance = self._distance
         start = distance if self._start is None else self._start
         joint = int(np.argmax(start))

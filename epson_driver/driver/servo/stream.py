@@ -129,7 +129,6 @@ class StreamFilter:
         self._speed = speed
 
     def _fitted(self) -> tuple[Array, ...]:
-        """Fit the setpoints' positions minus their integrated velocities. Returns `_fit`."""
         differences = self._positions - self._integral
         count = differences.shape[1]
         chosen = np.zeros((4, count))

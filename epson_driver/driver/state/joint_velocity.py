@@ -68,7 +68,6 @@ class JointVelocity:
         return next(entry for entry in self._history if entry[0] >= gap)
 
     def _closer_to_last(self, after_pause: Values, delayed: Values) -> Values:
-        """Return the estimate that is closer to the previous velocities."""
         previous = self._velocities
         if previous is None:
             return after_pause

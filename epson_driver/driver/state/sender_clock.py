@@ -139,7 +139,6 @@ class SenderClock:
         return 0.0
 
     def _count_pause(self, arrival: float) -> None:
-        """Count a pause. After more than MAX_PAUSES in a row, estimate a new period."""
         if self._proven or len(self._envelope) >= MIN_LINE_POINTS:
             self._pauses = 0
         if not self._pauses:

@@ -139,7 +139,6 @@ class Replanning:
         return True
 
     def _planned(self, planner: Planner, request: Request) -> Plan | None:
-        """Return the planner's plan, or None if it raised."""
         try:
             return planner(request, self._waypoints.limits)
         except Exception as error:

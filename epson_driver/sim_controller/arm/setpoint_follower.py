@@ -162,7 +162,6 @@ class SetpointFollower:
         del self._times[:old], self._positions[:old]
 
     def _at(self, time: float) -> State:
-        """Return position, velocity and acceleration of the stream at `time`, shapes (n,)."""
         times = self._times
         if time >= times[-1]:
             rest = np.zeros_like(self._positions[-1])

@@ -215,7 +215,6 @@ class IoPoints:
         return kind, known
 
     def _spans(self, io_type: IoType) -> list[tuple[int, int]]:
-        """Return the first index and the number of points of each range of a type."""
         bits = _KINDS[io_type].bits
         if bits is None:
             spans = [(0, len(self._values[io_type]))]
@@ -274,5 +273,4 @@ class IoPoints:
 
 
 def _port(group: int) -> tuple[int, int]:
-    """Return the port of a group and the port's width in bits."""
     return (group - WORD_GROUPS, WORD_BITS) if group >= WORD_GROUPS else (group, BYTE_BITS)
