@@ -104,7 +104,7 @@ def with_all_boards(profile: ControllerProfile) -> ControllerProfile:
 
 
 def program_network(profile: ControllerProfile) -> ProgramNetwork:
-    """Return a SPEL+ program's ports. The profile's ports are named motion, state and io."""
+    """Return the network ports of a SPEL+ program: motion, state and io as in the profile."""
     ports = profile.ports
     return ProgramNetwork({ports.motion: 'motion', ports.state: 'state', ports.io: 'io'})
 

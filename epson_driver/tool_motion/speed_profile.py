@@ -90,7 +90,7 @@ def fastest(parts: Sequence[PartLimits]) -> TimeParametrisation:
 
 
 def _seam_speeds(parts: Sequence[PartLimits]) -> list[float]:
-    """Return the highest speeds at the start, between parts, and at the end."""
+    """Return the highest possible speeds at the start, at each seam, and at the end."""
     speeds = [0.0, *(min(a.speed, b.speed) for a, b in pairwise(parts)), 0.0]
     for index, part in enumerate(parts):
         speeds[index + 1] = min(speeds[index + 1], _max_end_speed(part, speeds[index]))

@@ -190,7 +190,7 @@ class StatementDelivery(Delivery):
 def _straight(arm: Kinematics, positions: Array, duration: float) -> ToolLimits | None:
     """Return the speeds of a plan along a straight line of tool 0, or None for any other plan.
 
-    positions: shape (k, n), rad or m, the first one is the start. duration: the plan's, s.
+    positions: from start to end, shape (k, n), rad or m. duration: duration of the plan, s.
     """
     poses = [arm.forward(row) for row in positions]
     path = line(poses[0], poses[-1])

@@ -40,7 +40,7 @@ SPEED_COST_EXPONENT = 8
 """Exponent p of the cost of a high speed."""
 
 MIN_STEP_SHARE, MAX_SHORT_STEPS = 5e-3, 2
-"""The search ends after more than MAX_SHORT_STEPS steps below this fraction of a Newton step."""
+"""The search ends after more than MAX_SHORT_STEPS steps below MIN_STEP_SHARE of a Newton step."""
 
 MIN_ITERATIONS, SLOWEST_RATE = 12, 0.88
 """After MIN_ITERATIONS, the search ends if the factor by which the rows' excess has decreased per

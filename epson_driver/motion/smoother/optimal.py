@@ -59,7 +59,8 @@ COARSE_RATIO = 1.3
 nodes hide the allowed speed."""
 
 FINAL_INTERVALS = 4
-"""Intervals at the end without additional nodes, so that the ramp to rest is unchanged."""
+"""Number of intervals at the end that get no additional nodes, so that the ramp to rest is
+unchanged."""
 
 MAX_ROUNDS = 4
 """Maximum number of rounds. Each reduces the speed where the previous timing exceeds a limit."""
