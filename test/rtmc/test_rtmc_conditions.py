@@ -77,5 +77,5 @@ def test_each_refusal_has_a_remedy():
     for (request, detail), text in DETAILS.items():
         assert sentence(request, detail << 8) == text
     assert sentence(Request.CONNECT, Detail.PASSWORD << 8).startswith('the password')
-    assert 'its error' in sentence(Request.RESET, 0)
+    assert 'see the error' in sentence(Request.RESET, 0)
     assert sentence(Request.RESET, 0x0109) == 'unknown reason 0x0109'
