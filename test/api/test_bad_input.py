@@ -3,6 +3,7 @@
 """Invalid arguments give a one-line error and send nothing."""
 
 import inspect
+from contextlib import closing
 from functools import partial
 
 import numpy as np
@@ -113,13 +114,10 @@ def test_invalid_arguments_send_nothing(answers):
 
 
 def test_unknown_keyword_of_a_blocking_call_raises_and_does_not_hang():
-    loop = LoopThread('test')
-    try:
+    with closing(LoopThread('test')) as loop:
         with pytest.raises(TypeError, match='force'):
             loop.run(partial(_close, force=3))
         assert loop.call(lambda: 7) == 7
-    finally:
-        loop.close()
 
 
 async def _close():

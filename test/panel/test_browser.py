@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -28,11 +29,8 @@ SIZES = [(1024, 768), (1600, 1000), (390, 844)]
 
 @pytest.fixture(scope='module')
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    result = Cell(tmp_path_factory.mktemp('cell'))
-    try:
+    with closing(Cell(tmp_path_factory.mktemp('cell'))) as result:
         yield result.ready()
-    finally:
-        result.close()
 
 
 @pytest.fixture(scope='module')

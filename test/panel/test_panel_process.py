@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -27,11 +28,8 @@ SENT = 'goal sent: swing'
 
 @pytest.fixture(scope='module')
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    result = Cell(tmp_path_factory.mktemp('cell'))
-    try:
+    with closing(Cell(tmp_path_factory.mktemp('cell'))) as result:
         yield result.ready()
-    finally:
-        result.close()
 
 
 @pytest.fixture(scope='module')
@@ -264,8 +262,7 @@ def test_real_robot_requires_allow_motion(tmp_path: Path) -> None:
 @pytest.mark.invariant(1)
 def test_restarted_driver_is_queried_again_before_arming(tmp_path: Path) -> None:
     """ROS discovery still lists the killed driver, so the change is not visible there."""
-    cell = Cell(tmp_path)
-    try:
+    with closing(Cell(tmp_path)) as cell:
         cell.ready()
         panel = PanelProcess(tmp_path, cell.domain, patience=False)
         try:
@@ -286,14 +283,11 @@ def test_restarted_driver_is_queried_again_before_arming(tmp_path: Path) -> None
                 client.wait_for_lamp('Door', 'unknown')
         finally:
             assert panel.end() == 0
-    finally:
-        cell.close()
 
 
 @pytest.mark.invariant(3)
 def test_one_panel_shows_and_stops_several_robots(tmp_path: Path) -> None:
-    fleet = Fleet(tmp_path, together=True, names=('left', 'right'))
-    try:
+    with closing(Fleet(tmp_path, together=True, names=('left', 'right'))) as fleet:
         fleet.enabled()
         panel = PanelProcess(tmp_path, fleet.domain)
         try:
@@ -325,5 +319,3 @@ def test_one_panel_shows_and_stops_several_robots(tmp_path: Path) -> None:
                 left.wait_for_lamp('E-stop', 'bad')
         finally:
             assert panel.end() == 0
-    finally:
-        fleet.close()

@@ -5,6 +5,7 @@
 import os
 import re
 from collections.abc import Iterator
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -26,11 +27,10 @@ PICTURES = os.environ.get('PANEL_PICTURES', '')
 @pytest.fixture(scope='module')
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     folder = tmp_path_factory.mktemp('cell')
-    result = Cell(folder, '--controller=remote', controller='remote', require_planned_speed=True)
-    try:
+    with closing(
+        Cell(folder, '--controller=remote', controller='remote', require_planned_speed=True)
+    ) as result:
         yield result.ready()
-    finally:
-        result.close()
 
 
 @pytest.fixture(scope='module')

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import threading
+from contextlib import closing
 
 import pytest
 
@@ -73,8 +74,5 @@ def test_refusal_is_logged_once_with_the_remedy(monkeypatch, caplog, missing):
 
 
 def test_event_loop_of_a_robot_has_the_priority():
-    thread = LoopThread('robot')
-    try:
+    with closing(LoopThread('robot')) as thread:
         assert thread.call(own) == in_thread(lambda: (command.raise_priority(), own())[1])
-    finally:
-        thread.close()

@@ -3,6 +3,7 @@
 """Fixtures that start cells and end them after the test."""
 
 import os
+from contextlib import closing
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
@@ -35,11 +36,8 @@ def cell(make_cell: Any) -> Cell:
 @pytest.fixture(scope='module')
 def one_cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     """One cell for all tests of a module, with the arm disabled at first."""
-    one = Cell(tmp_path_factory.mktemp('cell'))
-    try:
+    with closing(Cell(tmp_path_factory.mktemp('cell'))) as one:
         yield one.ready()
-    finally:
-        one.close()
 
 
 @pytest.fixture(scope='module')

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -84,16 +85,13 @@ def launched(tmp_path: Path) -> Iterator[Any]:
 def test_joint_trajectory_controller_moves_the_arm(launched: Any, tmp_path: Path) -> None:
     pytest.importorskip('controller_manager_msgs')
     cell = launched('robot_interface.launch.py', ros2_control='true')
-    controller = RosPeer(cell.domain, node='joint_trajectory_controller')
-    try:
+    with closing(RosPeer(cell.domain, node='joint_trajectory_controller')) as controller:
         assert controller.action.wait_for_server(60.0)
         goal = Goal(controller, trajectory((GOAL_TIME_S, TARGET)))
         status, code, text = goal.result()
         assert (status, code) == ('succeeded', 0), text
         cell.reaches_target()
         smooth_goal_is_braked(cell, tmp_path)
-    finally:
-        controller.close()
 
 
 def smooth_goal_is_braked(cell: Launched, folder: Path) -> None:

@@ -3,6 +3,7 @@
 """Ctrl-C during a motion stops the arm and ends the goal, with each delivery of points."""
 
 import signal
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +45,7 @@ def test_ctrl_c_brakes_within_limits_and_ends_the_goal_once(
     ).ready()
     peer = cell.peer
     peer.enable()
-    watcher = Watcher(cell.ports.state)
-    try:
+    with closing(Watcher(cell.ports.state)) as watcher:
         goal = peer.goal(to_and_fro())
         peer.wait_for(lambda: peer.joint_states[-1].position[0] > 0.5, 'the arm at high speed')
         cell.client.send(signal.SIGINT)
@@ -55,7 +55,5 @@ def test_ctrl_c_brakes_within_limits_and_ends_the_goal_once(
         assert text == 'the driver was shut down, the arm is at rest'
         assert cell.client.log_text().count('goal aborted: ') == 1
         watcher.until_at_rest()
-    finally:
-        watcher.close()
     assert not np.allclose(watcher.seen[-1].positions[:6], START, atol=1e-3)
     watcher.assert_within_limits()

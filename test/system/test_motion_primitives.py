@@ -4,6 +4,7 @@
 
 import math
 from collections.abc import Iterator
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -27,13 +28,10 @@ INVALID_GOAL = ExecuteMotionPrimitiveSequence.Result.INVALID_GOAL
 @pytest.fixture(scope='module')
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     """One enabled cell whose controller does not stop at every point."""
-    one = Cell(tmp_path_factory.mktemp('cell'), '--motion=smooth')
-    try:
+    with closing(Cell(tmp_path_factory.mktemp('cell'), '--motion=smooth')) as one:
         one.ready()
         one.peer.enable()
         yield one
-    finally:
-        one.close()
 
 
 def to_ready(cell: Cell) -> None:

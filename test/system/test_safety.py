@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -31,11 +32,8 @@ def long_motion() -> Any:
 @pytest.fixture(scope='module', params=PROGRAMS)
 def cell(request: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     """Yield a cell, one per program. Every test leaves its driver and controller working."""
-    one = cell_with(tmp_path_factory.mktemp('cell'), request.param)
-    try:
+    with closing(cell_with(tmp_path_factory.mktemp('cell'), request.param)) as one:
         yield one.ready()
-    finally:
-        one.close()
 
 
 def enabled_at_start(cell: Cell) -> RosPeer:

@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -41,12 +42,9 @@ ARRIVING = 0.01
 
 @pytest.fixture(scope='module')
 def servo_cell(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    cell = Cell(tmp_path_factory.mktemp('cell'), '--motion=smooth', **LENIENT)
-    try:
+    with closing(Cell(tmp_path_factory.mktemp('cell'), '--motion=smooth', **LENIENT)) as cell:
         cell.ready().peer.enable()
         yield cell
-    finally:
-        cell.close()
 
 
 def rest(cell: Cell) -> np.ndarray:
@@ -207,12 +205,9 @@ def test_inv1_clock_steps_of_the_driver_do_not_speed_up_the_arm(tmp_path: Path) 
         return 0.0
 
     set_clock(0.0)
-    cell = Cell(tmp_path, '--motion=smooth', run=run, **LENIENT)
-    try:
+    with closing(Cell(tmp_path, '--motion=smooth', run=run, **LENIENT)) as cell:
         cell.ready().peer.enable()
         windows_through_steps(cell, set_clock)
-    finally:
-        cell.close()
 
 
 @pytest.mark.parametrize(

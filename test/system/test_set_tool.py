@@ -3,6 +3,7 @@
 """`~/set_tool` of the real node: primitives move the TCP, and tf has its frame."""
 
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -30,15 +31,14 @@ ACCURACY_M = 3e-4
 @pytest.fixture(scope='module')
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     """One enabled cell whose links have a prefix, with a tool from the start."""
-    one = Cell(
-        tmp_path_factory.mktemp('cell'), '--motion=smooth', frame_id=FRAME, tool__pose=AT_START
-    )
-    try:
+    with closing(
+        Cell(
+            tmp_path_factory.mktemp('cell'), '--motion=smooth', frame_id=FRAME, tool__pose=AT_START
+        )
+    ) as one:
         one.ready()
         one.peer.enable()
         yield one
-    finally:
-        one.close()
 
 
 def arm_with(values: list[float]) -> Kinematics:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +29,8 @@ ABSOLUTE = {'/diagnostics', '/rosout', '/parameter_events', '/tf_static'}
 @pytest.fixture(scope='module')
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
     """Two enabled robots. The last test ends their driver."""
-    robots = Fleet(tmp_path_factory.mktemp('fleet'), together=True, names=NAMES)
-    try:
+    with closing(Fleet(tmp_path_factory.mktemp('fleet'), together=True, names=NAMES)) as robots:
         yield robots.enabled()
-    finally:
-        robots.close()
 
 
 def move(peer: RosPeer, by: float, seconds: float = 0.5) -> Any:

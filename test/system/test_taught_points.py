@@ -3,6 +3,7 @@
 """`~/taught_points` of the real node: list, teach, go, forget, file, and tf."""
 
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -31,18 +32,17 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope='module')
 def cell(tmp_path_factory: pytest.TempPathFactory, file: Path) -> Iterator[Cell]:
     """One enabled cell with a points file that does not exist yet."""
-    one = Cell(
-        tmp_path_factory.mktemp('cell'),
-        '--motion=smooth',
-        frame_id='left_base_link',
-        points_file=str(file),
-    )
-    try:
+    with closing(
+        Cell(
+            tmp_path_factory.mktemp('cell'),
+            '--motion=smooth',
+            frame_id='left_base_link',
+            points_file=str(file),
+        )
+    ) as one:
         one.ready()
         one.peer.enable()
         yield one
-    finally:
-        one.close()
 
 
 def call_in_steps(cell: Cell, action: int, name: str = '', speed: float = 0.0) -> Iterator[Any]:
