@@ -24,33 +24,31 @@ FREE_PORT = Rule(count(0, 65_535).read, 'must be a port from 0 to 65535')
 DEFAULT_MODEL = 'c3_a601s'
 
 
-def add_robot(parser: argparse.ArgumentParser) -> None:
-    text = 'robot model, or a .yaml file (default: %(default)s)'
-    parser.add_argument('--robot', default=DEFAULT_MODEL, metavar='MODEL', help=text)
-
-
-def add_controller(parser: argparse.ArgumentParser, about: str = 'controller profile') -> None:
-    text = f'{about}, or a .yaml file (default: %(default)s)'
-    parser.add_argument('--controller', default='simulated', metavar='PROFILE', help=text)
-
-
-def add_password(parser: argparse.ArgumentParser) -> None:
-    text = 'environment variable that contains the Remote Ethernet password (default: no password)'
-    parser.add_argument(
-        '--password-variable', type=argument(VARIABLE, str), default='', metavar='NAME', help=text
-    )
-
-
-def add_ports(parser: argparse.ArgumentParser, unused: str) -> None:
-    """Add an option for each port of a controller. `unused` explains port 0."""
-    for name in ('state', 'motion', 'io', 'remote'):
-        text = f'{"I/O" if name == "io" else name} port (default: from the profile'
-        text += ')' if name == 'state' else f', 0: {unused})'
-        parser.add_argument(f'--{name}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
-
-
 class Parser(argparse.ArgumentParser):
     """A parser that reports an error in one sentence and suggests the nearest option or choice."""
+
+    def option(
+        self,
+        form: str,
+        text: str,
+        rule: Rule | Callable[[str], Any] | None = None,
+        default: Any = None,
+        **more: Any,
+    ) -> None:
+        """Add an option, such as `--seed N`, or a switch, such as `--list`.
+
+        `rule` checks a number, or converts the text. The help text is `text` and the default,
+        unless `text` contains it.
+        """
+        name, _, metavar = form.partition(' ')
+        if metavar:
+            kind = argument(rule) if isinstance(rule, Rule) else rule
+            more |= {'type': kind, 'default': default, 'metavar': metavar}
+            if default not in (None, []) and 'default:' not in text:
+                text += ' (default: %(default)s)'
+        else:
+            more['action'] = 'store_true'
+        self.add_argument(name, help=text, **more)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         words = sys.argv[1:] if args is None else list(args)
@@ -74,6 +72,27 @@ class Parser(argparse.ArgumentParser):
         if action.choices is not None and value not in action.choices:
             remedy = meant(str(value), map(str, action.choices))
             raise argparse.ArgumentError(action, f'{printable(shown(value))}: {remedy}')
+
+
+def add_robot(parser: Parser) -> None:
+    parser.option('--robot MODEL', 'robot model, or a .yaml file', default=DEFAULT_MODEL)
+
+
+def add_controller(parser: Parser, about: str = 'controller profile') -> None:
+    parser.option('--controller PROFILE', f'{about}, or a .yaml file', default='simulated')
+
+
+def add_password(parser: Parser) -> None:
+    text = 'environment variable that contains the Remote Ethernet password (default: no password)'
+    parser.option('--password-variable NAME', text, argument(VARIABLE, str), '')
+
+
+def add_ports(parser: Parser, unused: str) -> None:
+    """Add an option for each port of a controller. `unused` explains port 0."""
+    for name in ('state', 'motion', 'io', 'remote'):
+        text = f'{"I/O" if name == "io" else name} port (default: from the profile'
+        text += ')' if name == 'state' else f', 0: {unused})'
+        parser.option(f'--{name}-port PORT', text, FREE_PORT)
 
 
 class _Formatter(argparse.HelpFormatter):

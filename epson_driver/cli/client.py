@@ -48,10 +48,9 @@ def _namespaces(arguments: Sequence[str]) -> list[str]:
             ),
         ),
     )
-    parser.add_argument(
-        '--namespace',
-        metavar='NAME',
+    parser.option(
+        '--namespace NAME',
+        "namespace of a robot (repeatable, default: the node's own)",
         action='append',
-        help="namespace of a robot (repeatable, default: the node's own)",
     )
     return parser.parse_args(arguments).namespace or ['']

@@ -97,11 +97,5 @@ def _parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     add_robot_arguments(parser, 'address of the controller (default: advice how to find it)')
-    parser.add_argument(
-        '--file',
-        type=Path,
-        default=Path('robot.yaml'),
-        metavar='FILE',
-        help='new file (default: %(default)s)',
-    )
+    parser.option('--file FILE', 'new file', Path, Path('robot.yaml'))
     return parser

@@ -82,12 +82,11 @@ def _arguments() -> argparse.Namespace:
         ),
     )
     add_robot(parser)
-    parser.add_argument(
-        '--trajectory',
-        type=Path,
-        metavar='FILE',
-        help=f'JointTrajectory as YAML (default: {TRAJECTORY.name}, for SCARAs '
+    parser.option(
+        '--trajectory FILE',
+        f'JointTrajectory as YAML (default: {TRAJECTORY.name}, for SCARAs '
         f'{TRAJECTORY_OF_SCARAS.name})',
+        Path,
     )
     add_controller(parser, 'controller profile (spel: the SPEL+ program for real controllers)')
     parser.add_argument(
@@ -95,33 +94,19 @@ def _arguments() -> argparse.Namespace:
         choices=('smooth', 'ptp'),
         help='smooth: through all points without a stop, ptp: rest at each (default: smooth)',
     )
-    parser.add_argument(
+    parser.option(
         '--compare',
-        action='store_true',
-        help='comparison of both motions, or of a SPEL+ program with the built-in program of '
+        'comparison of both motions, or of a SPEL+ program with the built-in program of '
         f'{NATIVE}, in one picture',
     )
-    parser.add_argument(
-        '--picture',
-        type=picture,
-        metavar='FILE',
-        default=Path('demo-report.png'),
-        help='plot of positions and velocities (default: %(default)s)',
+    parser.option(
+        '--picture FILE', 'plot of positions and velocities', picture, Path('demo-report.png')
     )
-    parser.add_argument(
-        '--report',
-        type=page,
-        metavar='FILE',
-        help='report page (default: next to the picture)',
+    parser.option('--report FILE', 'report page (default: next to the picture)', page)
+    parser.option(
+        '--stay', 'keep controller, driver and, if it is installed, the panel running until Ctrl-C'
     )
-    parser.add_argument(
-        '--stay',
-        action='store_true',
-        help='keep controller, driver and, if it is installed, the panel running until Ctrl-C',
-    )
-    parser.add_argument(
-        '--panel', action='store_true', help='like --stay, but fail without the panel'
-    )
+    parser.option('--panel', 'like --stay, but fail without the panel')
     arguments = parsed(parser)
     arguments.report = arguments.report or arguments.picture.with_suffix('.html')
     try:

@@ -23,7 +23,6 @@ from rich.table import Table
 from epson_driver.cli.arguments import (
     DEFAULT_MODEL,
     Parser,
-    argument,
     help_texts,
     parsed,
     path_with,
@@ -222,43 +221,20 @@ def _parser() -> argparse.ArgumentParser:
         parser,
         'address of the controller (default: none, only ROS and this machine are checked)',
     )
-    parser.add_argument('--all', action='store_true', help='print each check that passed, too')
-    parser.add_argument(
-        '--seconds',
-        type=argument(number(MIN_LISTENING_S, 600.0)),
-        default=5.0,
-        metavar='S',
-        help='listening time, s (default: %(default)s)',
-    )
-    parser.add_argument(
+    parser.option('--all', 'print each check that passed, too')
+    parser.option('--seconds S', 'listening time, s', number(MIN_LISTENING_S, 600.0), 5.0)
+    parser.option(
         '--ask',
-        action='store_true',
-        help='permission to query the motion and remote ports with the motors off: nothing moves, '
+        'permission to query the motion and remote ports with the motors off: nothing moves, '
         'but an error may remain, and no other client can connect during it',
     )
-    parser.add_argument(
-        '--io',
-        action='store_true',
-        help='permission to query the I/O port: outputs may change at the end',
+    parser.option('--io', 'permission to query the I/O port: outputs may change at the end')
+    parser.option('--jog', 'prompts to jog each joint and to read X Y Z U V W from the pendant')
+    parser.option(
+        '--learn FILE', 'new file for a controller profile, NAME.yaml', path_with('.yaml')
     )
-    parser.add_argument(
-        '--jog',
-        action='store_true',
-        help='prompts to jog each joint and to read X Y Z U V W from the pendant',
+    parser.option(
+        '--like PROFILE', 'profile for the keys that cannot be learned', default='generic'
     )
-    parser.add_argument(
-        '--learn',
-        type=path_with('.yaml'),
-        metavar='FILE',
-        help='new file for a controller profile, NAME.yaml',
-    )
-    parser.add_argument(
-        '--like',
-        default='generic',
-        metavar='PROFILE',
-        help='profile for the keys that cannot be learned (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--save', type=Path, metavar='FILE', help='text file with all findings, for a bug report'
-    )
+    parser.option('--save FILE', 'text file with all findings, for a bug report', Path)
     return parser

@@ -20,7 +20,6 @@ from epson_driver.cli.arguments import (
     Parser,
     add_controller,
     add_robot,
-    argument,
     help_texts,
     parsed,
     with_start_joined,
@@ -171,47 +170,23 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         'command', nargs='*', metavar='COMMAND', help='command line of the program, after --'
     )
-    parser.add_argument(
-        '--fault',
+    parser.option(
+        '--fault NAME',
+        'fault to test (repeatable, default: all of --list)',
         action='append',
         choices=list(CASES),
-        metavar='NAME',
-        help='fault to test (repeatable, default: all of --list)',
     )
-    parser.add_argument('--list', action='store_true', help='list the faults and exit')
-    parser.add_argument(
-        '--seed',
-        type=argument(count(0, 2**31 - 1)),
-        default=0,
-        metavar='N',
-        help='seed for random faults (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--timeout',
-        type=argument(number(1.0, 3600.0)),
-        default=60.0,
-        metavar='S',
-        help='time limit of a run, s (default: %(default)s)',
-    )
+    parser.option('--list', 'list the faults and exit')
+    parser.option('--seed N', 'seed for random faults', count(0, 2**31 - 1), 0)
+    parser.option('--timeout S', 'time limit of a run, s', number(1.0, 3600.0), 60.0)
     add_robot(parser)
     add_controller(parser)
-    parser.add_argument(
-        '--start',
-        metavar='Q1,Q2,…',
-        help='initial joint positions, rad or m (default: all 0)',
-    )
-    parser.add_argument(
-        '--not-enabled',
-        action='store_true',
-        help='start with a disabled arm: the program calls ~/enable',
-    )
-    parser.add_argument(
-        '--junit', type=Path, metavar='FILE', help='JUnit XML file for the results (default: none)'
-    )
-    parser.add_argument(
-        '--keep',
-        type=Path,
-        metavar='FOLDER',
-        help='new folder in which logs and traces are kept (default: they are deleted at the end)',
+    parser.option('--start Q1,Q2,…', 'initial joint positions, rad or m (default: all 0)')
+    parser.option('--not-enabled', 'start with a disabled arm: the program calls ~/enable')
+    parser.option('--junit FILE', 'JUnit XML file for the results (default: none)', Path)
+    parser.option(
+        '--keep FOLDER',
+        'new folder in which logs and traces are kept (default: they are deleted at the end)',
+        Path,
     )
     return parser

@@ -148,10 +148,5 @@ def _parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     add_robot_arguments(parser, 'address of the controller, or robot.yaml')
-    parser.add_argument(
-        '--file',
-        type=Path,
-        metavar='FILE',
-        help='page with the results (default: first_run_ADDRESS.html)',
-    )
+    parser.option('--file FILE', 'page with the results (default: first_run_ADDRESS.html)', Path)
     return parser

@@ -24,7 +24,7 @@ from rich.table import Table
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from epson_driver.cli.arguments import Parser, argument, help_texts, parsed
+from epson_driver.cli.arguments import Parser, help_texts, parsed
 from epson_driver.inputs import count, number, printable
 from epson_driver.node.ros_process import polled_subscription, take_all, udp_by_default
 from epson_driver.processes import interrupt, processes
@@ -164,13 +164,9 @@ def main() -> int:
             '130 Ctrl-C before all were up',
         ),
     )
-    for name, rule, default, metavar, text in (
-        ('robots', count(1, 64), 4, 'N', 'number of robots (default: %(default)s)'),
-        ('seconds', number(0.1, 1e6, 's'), math.inf, 'S', 'run time, s (default: until Ctrl-C)'),
-    ):
-        parser.add_argument(
-            f'--{name}', type=argument(rule), default=default, metavar=metavar, help=text
-        )
+    parser.option('--robots N', 'number of robots', count(1, 64), 4)
+    text = 'run time, s (default: until Ctrl-C)'
+    parser.option('--seconds S', text, number(0.1, 1e6, 's'), math.inf)
     arguments = parsed(parser, refused='fleet simulates its robots: choose them with --robots')
     console = Console(highlight=False)
     interrupt.raise_at_first_signal()

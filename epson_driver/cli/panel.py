@@ -12,7 +12,7 @@ from pathlib import Path
 
 from epson_driver.aio import Robot
 from epson_driver.api.ownership import Page
-from epson_driver.cli.arguments import FREE_PORT, Parser, argument, help_texts, host
+from epson_driver.cli.arguments import FREE_PORT, Parser, help_texts, host
 from epson_driver.inputs import InputError, printable
 from epson_driver.panel import INSTALL, missing
 from epson_driver.processes.interrupt import ended_by_signals, ending_signals
@@ -167,50 +167,37 @@ def _parser() -> argparse.ArgumentParser:
         metavar='ROBOT.YAML',
         help='file of `epson_driver connect`: connect to this robot, without ROS',
     )
-    parser.add_argument(
-        '--simulated', action='store_true', help='start and show a simulated robot, without ROS'
+    parser.option('--simulated', 'start and show a simulated robot, without ROS')
+    parser.option('--no-ros', 'connect to the robot although ROS is there')
+    parser.option(
+        '--controller PROFILE',
+        'controller profile, without ROS (default: from the file, or simulated)',
     )
-    parser.add_argument(
-        '--no-ros', action='store_true', help='connect to the robot although ROS is there'
-    )
-    parser.add_argument(
-        '--controller',
-        metavar='PROFILE',
-        help='controller profile, without ROS (default: from the file, or simulated)',
-    )
-    parser.add_argument(
-        '--host',
-        type=host,
-        default='127.0.0.1',
-        metavar='ADDRESS',
-        help='address to listen on (default: %(default)s). Unless only this machine can reach it, '
+    parser.option(
+        '--host ADDRESS',
+        'address to listen on (default: %(default)s). Unless only this machine can reach it, '
         'the page needs the printed token',
+        host,
+        '127.0.0.1',
     )
-    parser.add_argument(
-        '--port',
-        type=argument(FREE_PORT),
-        default=PORT,
-        metavar='PORT',
-        help='port to listen on (0: any free port, default: %(default)s)',
+    parser.option(
+        '--port PORT',
+        'port to listen on (0: any free port, default: %(default)s)',
+        FREE_PORT,
+        PORT,
     )
-    parser.add_argument(
-        '--robot',
-        action='append',
-        metavar='NODE',
-        help='driver node, such as /left/epson_driver (repeatable, default: all), or without ROS '
+    parser.option(
+        '--robot NODE',
+        'driver node, such as /left/epson_driver (repeatable, default: all), or without ROS '
         'the robot model',
-    )
-    parser.add_argument(
-        '--trajectory',
-        type=Path,
         action='append',
-        default=[],
-        metavar='FILE',
-        help='JointTrajectory as YAML (repeatable, default: all of this package)',
     )
-    parser.add_argument(
-        '--allow-motion',
-        action='store_true',
-        help='permission to move real robots',
+    parser.option(
+        '--trajectory FILE',
+        'JointTrajectory as YAML (repeatable, default: all of this package)',
+        Path,
+        [],
+        action='append',
     )
+    parser.option('--allow-motion', 'permission to move real robots')
     return parser

@@ -11,7 +11,6 @@ from epson_driver.cli.arguments import (
     PORT,
     Parser,
     add_password,
-    argument,
     help_texts,
     host,
     parsed,
@@ -43,13 +42,9 @@ def main() -> int:
         ),
         allow_abbrev=False,
     )
-    for name, kind, default, metavar, text in (
-        ('host', host, '127.0.0.1', 'ADDRESS', 'address of the controller'),
-        ('port', argument(PORT), 5000, 'PORT', 'remote port'),
-        ('timeout', argument(number(0.1, 3600.0, 's')), 5, 'S', 'time limit, s'),
-    ):
-        text += ' (default: %(default)s)'
-        parser.add_argument(f'--{name}', type=kind, default=default, metavar=metavar, help=text)
+    parser.option('--host ADDRESS', 'address of the controller', host, '127.0.0.1')
+    parser.option('--port PORT', 'remote port', PORT, 5000)
+    parser.option('--timeout S', 'time limit, s', number(0.1, 3600.0, 's'), 5)
     add_password(parser)
     parser.add_argument('words', nargs='+', metavar='WORD', help='action, see below')
     arguments = parsed(parser)

@@ -91,32 +91,20 @@ def _parser() -> argparse.ArgumentParser:
         metavar='FILE',
         help='trace (.pcap), or bag: its folder, .mcap or .db3 file',
     )
-    parser.add_argument(
-        '--output',
-        type=page_path,
-        metavar='FILE',
-        help='page for a single FILE or for --compare, with a JSON file next to it '
+    parser.option(
+        '--output FILE',
+        'page for a single FILE or for --compare, with a JSON file next to it '
         '(default: FILE-report.html in the current folder)',
+        page_path,
     )
-    parser.add_argument(
-        '--compare', action='store_true', help='one page with two runs side by side'
-    )
-    parser.add_argument(
-        '--mcap',
-        type=Path,
-        metavar='FOLDER',
-        help='new folder for the run in a single FILE as an MCAP bag (default: none)',
+    parser.option('--compare', 'one page with two runs side by side')
+    parser.option(
+        '--mcap FOLDER',
+        'new folder for the run in a single FILE as an MCAP bag (default: none)',
+        Path,
     )
     add_robot(parser)
     add_controller(parser, 'controller profile with the error texts')
-    parser.add_argument(
-        '--address',
-        metavar='ADDRESS',
-        help='address of the controller, needed if a trace has several',
-    )
-    parser.add_argument(
-        '--namespace',
-        metavar='NAME',
-        help='namespace of the robot, needed if a bag has several',
-    )
+    parser.option('--address ADDRESS', 'address of the controller, needed if a trace has several')
+    parser.option('--namespace NAME', 'namespace of the robot, needed if a bag has several')
     return parser

@@ -4,7 +4,7 @@
 
 import argparse
 
-from epson_driver.cli.arguments import DEFAULT_MODEL, add_password, add_ports, host
+from epson_driver.cli.arguments import DEFAULT_MODEL, Parser, add_password, add_ports, host
 from epson_driver.doctor.controller_checks import Question
 from epson_driver.doctor.look import Look, look_at
 from epson_driver.profiles import load_controller_profile
@@ -12,19 +12,14 @@ from epson_driver.robots import load_robot_model
 from epson_driver.setup.robot_file import password_in
 
 
-def add_robot_arguments(parser: argparse.ArgumentParser, address: str) -> None:
+def add_robot_arguments(parser: Parser, address: str) -> None:
     parser.add_argument('address', nargs='?', type=host, metavar='ADDRESS', help=address)
-    parser.add_argument(
-        '--controller',
-        metavar='PROFILE',
-        help='controller profile, such as remote or spel (default: the one that fits the ports '
+    parser.option(
+        '--controller PROFILE',
+        'controller profile, such as remote or spel (default: the one that fits the ports '
         'that answer)',
     )
-    parser.add_argument(
-        '--robot',
-        metavar='MODEL',
-        help='robot model (default: the one that the controller reports)',
-    )
+    parser.option('--robot MODEL', 'robot model (default: the one that the controller reports)')
     add_ports(parser, 'not used')
     add_password(parser)
 

@@ -88,37 +88,23 @@ def _parser() -> argparse.ArgumentParser:
         metavar='MODEL',
         help='robot model, such as c4_a601s or C4-A601S, or a .yaml file (default: all models)',
     )
-    parser.add_argument(
-        '--search',
+    parser.option(
+        '--search WORD',
+        'only models with this word in the name or description (default: all)',
         default='',
-        metavar='WORD',
-        help='only models with this word in the name or description (default: all)',
     )
-    parser.add_argument(
-        '--payload',
-        type=float,
-        default=0.0,
-        metavar='KG',
-        help='only models with at least this payload, kg (default: all)',
+    parser.option(
+        '--payload KG', 'only models with at least this payload, kg (default: all)', float, 0.0
     )
-    parser.add_argument(
-        '--reach',
-        type=float,
-        default=0.0,
-        metavar='MM',
-        help='only models with at least this reach, mm (default: all)',
+    parser.option(
+        '--reach MM', 'only models with at least this reach, mm (default: all)', float, 0.0
     )
-    parser.add_argument(
-        '--plain',
-        action='store_true',
-        help='tabs instead of tables, which is always so in a pipe',
-    )
-    parser.add_argument(
-        '--moveit',
-        type=Path,
-        metavar='FOLDER',
-        help='folder for a new MoveIt package for MODEL, which '
+    parser.option('--plain', 'tabs instead of tables, which is always so in a pipe')
+    parser.option(
+        '--moveit FOLDER',
+        'folder for a new MoveIt package for MODEL, which '
         "MoveItConfigsBuilder('c4_a601s') finds if FOLDER is named c4_a601s_moveit_config",
+        Path,
     )
     return parser
 

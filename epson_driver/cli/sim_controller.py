@@ -258,31 +258,23 @@ def _parser() -> argparse.ArgumentParser:
         ),
         allow_abbrev=False,
     )
-    parser.add_argument(
-        '--host',
-        type=host,
-        default='127.0.0.1',
-        metavar='ADDRESS',
-        help='address to listen on (default: %(default)s)',
-    )
+    parser.option('--host ADDRESS', 'address to listen on', host, '127.0.0.1')
     for name, default in _PORTS._asdict().items():
         text = f"{name} port (0: any free port, default: the profile's, {default} for simulated)"
-        parser.add_argument(f'--{name}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
+        parser.option(f'--{name}-port PORT', text, FREE_PORT)
     add_password(parser)
-    parser.add_argument(
-        '--rtmc-port',
-        type=argument(FREE_PORT),
-        metavar='PORT',
-        help='UDP port of Real-time Motion Control, if the profile has it '
+    parser.option(
+        '--rtmc-port PORT',
+        'UDP port of Real-time Motion Control, if the profile has it '
         "(0: the number of the motion port, default: the profile's)",
+        FREE_PORT,
     )
     add_program_options(parser)
-    parser.add_argument(
-        '--profile-from',
-        type=Path,
-        metavar='FILE',
-        help='page of a first-run: use its model, profile, motion and delays, instead of --robot '
+    parser.option(
+        '--profile-from FILE',
+        'page of a first-run: use its model, profile, motion and delays, instead of --robot '
         'and --controller',
+        Path,
     )
     parser.add_argument(
         '--motion',
@@ -290,63 +282,50 @@ def _parser() -> argparse.ArgumentParser:
         help='smooth: through all points without a stop; ptp: rest at every point '
         '(default: smooth, not with a SPEL+ program)',
     )
-    parser.add_argument(
-        '--program',
-        type=Path,
-        metavar='FILE',
-        help='SPEL+ program to run: project folder, its .sprj or a .prg file '
+    parser.option(
+        '--program FILE',
+        'SPEL+ program to run: project folder, its .sprj or a .prg file '
         "(default: the profile's, or the built-in program)",
+        Path,
     )
-    parser.add_argument(
-        '--program-port',
-        type=_program_port,
-        action='append',
-        default=[],
-        metavar='PORT=PORT',
-        help='TCP port that the SPEL+ program opens = port to listen on (0: any free port, '
+    parser.option(
+        '--program-port PORT=PORT',
+        'TCP port that the SPEL+ program opens = port to listen on (0: any free port, '
         'repeatable, default: the same port, or a free one if it is in use)',
+        _program_port,
+        [],
+        action='append',
     )
-    parser.add_argument(
-        '--look-ahead',
-        type=argument(number(*LOOK_AHEAD_S, 's')),
-        metavar='S',
-        help="look-ahead of smooth motion, s (default: the profile's)",
+    parser.option(
+        '--look-ahead S',
+        "look-ahead of smooth motion, s (default: the profile's)",
+        number(*LOOK_AHEAD_S, 's'),
     )
     parser.add_argument(
         '--byte-order',
         choices=('little', 'big'),
         help="byte order of all messages (default: the profile's)",
     )
-    parser.add_argument(
-        '--state-period',
-        type=argument(number(0.001, 3600.0, 's')),
-        metavar='S',
-        help="state message period, s (default: the profile's, 0.005 for simulated)",
+    parser.option(
+        '--state-period S',
+        "state message period, s (default: the profile's, 0.005 for simulated)",
+        number(0.001, 3600.0, 's'),
     )
-    parser.add_argument(
-        '--fault',
-        type=_fault,
+    parser.option(
+        '--fault NAME[:KEY=VALUE,…]',
+        'initial fault (repeatable, default: none, `pendant fault kinds` lists them)',
+        _fault,
+        [],
         action='append',
-        default=[],
-        metavar='NAME[:KEY=VALUE,…]',
-        help='initial fault (repeatable, default: none, `pendant fault kinds` lists them)',
     )
-    parser.add_argument(
-        '--seed',
-        type=argument(count(0, 2**63 - 1)),
-        default=0,
-        metavar='N',
-        help='seed for random faults (default: %(default)s)',
-    )
-    parser.add_argument(
+    parser.option('--seed N', 'seed for random faults', count(0, 2**63 - 1), 0)
+    parser.option(
         '--until-stdin-ends',
-        action='store_true',
-        help='exit when standard input closes, for example when the parent process ends',
+        'exit when standard input closes, for example when the parent process ends',
     )
-    parser.add_argument('--panel', action='store_true', help='start the browser panel too')
-    parser.add_argument(
-        '--start',
-        metavar='Q1,Q2,…',
-        help='initial joint positions, rad or m, such as -1.0,0.2,0,0,0,0 (default: all 0)',
+    parser.option('--panel', 'start the browser panel too')
+    parser.option(
+        '--start Q1,Q2,…',
+        'initial joint positions, rad or m, such as -1.0,0.2,0,0,0,0 (default: all 0)',
     )
     return parser

@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from epson_driver.cli.arguments import Parser, add_robot, argument, help_texts, parsed, picture
+from epson_driver.cli.arguments import Parser, add_robot, help_texts, parsed, picture
 from epson_driver.inputs import InputError, number
 from epson_driver.motion import JointLimits, Trajectory, smooth
 from epson_driver.motion.closest_samples import passed
@@ -198,43 +198,33 @@ def _parser() -> argparse.ArgumentParser:
         help='time_preserving: times of the plan where the limits allow them, time_optimal: as '
         'fast as the limits allow (default: %(default)s)',
     )
-    parser.add_argument(
-        '--look-ahead',
-        type=argument(number(MIN_LOOK_AHEAD_S, np.inf, 's')),
-        default=np.inf,
-        metavar='S',
-        help='time ahead of the arm for which points are known, s, as in a stream '
+    parser.option(
+        '--look-ahead S',
+        'time ahead of the arm for which points are known, s, as in a stream '
         '(default: all points are known)',
+        number(MIN_LOOK_AHEAD_S, np.inf, 's'),
+        np.inf,
     )
-    parser.add_argument(
-        '--path-tolerance',
-        type=argument(number(0.0, MAX_PATH_TOLERANCE, 'rad')),
-        default=0.0,
-        metavar='RAD',
-        help='maximum joint deviation from the waypoints except the first and last: 0, or with '
+    parser.option(
+        '--path-tolerance RAD',
+        'maximum joint deviation from the waypoints except the first and last: 0, or with '
         '--mode time_preserving at least 0.001 (default: %(default)g)',
+        number(0.0, MAX_PATH_TOLERANCE, 'rad'),
+        0.0,
     )
-    parser.add_argument(
+    parser.option(
         '--keep-spline',
-        action='store_true',
-        help='with --mode time_optimal: follow the spline through the points, which bends less '
+        'with --mode time_optimal: follow the spline through the points, which bends less '
         'between them than the fastest path',
     )
-    parser.add_argument(
-        '--output', type=Path, metavar='FILE', help='smooth trajectory (default: NAME_smooth.yaml)'
-    )
-    parser.add_argument(
-        '--picture',
-        type=picture,
-        metavar='FILE',
-        help='plot file, needs matplotlib (default: NAME_smooth.png, or none without matplotlib)',
+    parser.option('--output FILE', 'smooth trajectory (default: NAME_smooth.yaml)', Path)
+    parser.option(
+        '--picture FILE',
+        'plot file, needs matplotlib (default: NAME_smooth.png, or none without matplotlib)',
+        picture,
     )
     add_robot(parser)
-    parser.add_argument(
-        '--rate',
-        type=argument(number(1.0, 1000.0, 'Hz')),
-        default=250.0,
-        metavar='HZ',
-        help='points per second (default: %(default)g)',
+    parser.option(
+        '--rate HZ', 'points per second (default: %(default)g)', number(1.0, 1000.0, 'Hz'), 250.0
     )
     return parser

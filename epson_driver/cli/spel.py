@@ -71,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
         default='text',
         help='lines of text, GitHub annotations, or a JSON list (default: %(default)s)',
     )
-    checking.add_argument('--strict', action='store_true', help='exit code 1 for warnings too')
+    checking.option('--strict', 'exit code 1 for warnings too')
     add_set(checking)
     checking.set_defaults(run=_check)
     text = 'Run the functions named Test… of a program on a simulated controller.'
@@ -81,12 +81,8 @@ def _parser() -> argparse.ArgumentParser:
     testing.add_argument(
         '-k', metavar='TEXT', default='', help='only tests with this text in the name'
     )
-    testing.add_argument(
-        '--coverage', type=Path, metavar='FILE', help='Cobertura XML file for the line coverage'
-    )
-    testing.add_argument(
-        '--junit', type=Path, metavar='FILE', help='JUnit XML file for the results'
-    )
+    testing.option('--coverage FILE', 'Cobertura XML file for the line coverage', Path)
+    testing.option('--junit FILE', 'JUnit XML file for the results', Path)
     add_program_options(testing)
     testing.set_defaults(run=_test)
     text = 'Run a program on a simulated controller.'
@@ -97,23 +93,19 @@ def _parser() -> argparse.ArgumentParser:
     running.add_argument(
         'program', type=Path, metavar='FILE', help='project folder, its .sprj or a .prg file'
     )
-    running.add_argument(
-        '--remote-port',
-        type=argument(FREE_PORT),
-        default=0,
-        metavar='PORT',
-        help='port for `pendant` (default: any free port, printed on stderr)',
+    running.option(
+        '--remote-port PORT',
+        'port for `pendant` (default: any free port, printed on stderr)',
+        FREE_PORT,
+        0,
     )
-    running.add_argument(
-        '--seconds',
-        type=argument(number(0.001, 1e6, 's')),
-        metavar='S',
-        help="time limit by the controller's clock, s (default: none)",
+    running.option(
+        '--seconds S',
+        "time limit by the controller's clock, s (default: none)",
+        number(0.001, 1e6, 's'),
     )
-    running.add_argument(
-        '--fast',
-        action='store_true',
-        help="run the controller's clock as fast as possible, without network (at most 600 s)",
+    running.option(
+        '--fast', "run the controller's clock as fast as possible, without network (at most 600 s)"
     )
     add_program_options(running)
     running.set_defaults(run=_run)
@@ -123,20 +115,15 @@ def _parser() -> argparse.ArgumentParser:
     texts = help_texts(text, (example, example_8), '0 done, 2 invalid arguments, 130 Ctrl-C')
     exporting = commands.add_parser('export', help=text, **texts)
     exporting.add_argument('folder', type=Path, metavar='FOLDER', help='new or empty folder')
-    exporting.add_argument('--robot', required=True, metavar='MODEL', help='robot model')
-    exporting.add_argument(
-        '--controller',
+    exporting.option('--robot MODEL', 'robot model', required=True)
+    exporting.option(
+        '--controller PROFILE',
+        f'controller profile: {", ".join(CONTROLLERS)}',
         required=True,
         choices=CONTROLLERS,
-        metavar='PROFILE',
-        help=f'controller profile: {", ".join(CONTROLLERS)}',
     )
-    exporting.add_argument(
-        '--address',
-        required=True,
-        type=argument(ADDRESS, str),
-        metavar='ADDRESS',
-        help="the controller's IPv4 address",
+    exporting.option(
+        '--address ADDRESS', "the controller's IPv4 address", argument(ADDRESS, str), required=True
     )
     exporting.set_defaults(run=_export)
     add_editing(commands, codes)
@@ -201,15 +188,13 @@ def add_editing(commands: Any, codes: str) -> None:
     formatting = commands.add_parser('fmt', help=text, **help_texts(text, examples, codes))
     about = '.prg and .inc files, or a folder: all that are in it'
     formatting.add_argument('files', nargs='+', type=Path, metavar='FILE', help=about)
-    formatting.add_argument(
-        '--check', action='store_true', help='print what would change, and write nothing'
-    )
+    formatting.option('--check', 'print what would change, and write nothing')
     formatting.set_defaults(run=_format)
     text = 'Show points as a table, or convert them.'
     examples = ('spel points robot1.pts', 'spel points robot1.pts --to points.csv')
     points = commands.add_parser('points', help=text, **help_texts(text, examples, codes))
     points.add_argument('file', type=Path, metavar='FILE', help='.pts, .csv or .yaml file')
-    points.add_argument('--to', type=Path, metavar='FILE', help='.pts, .csv or .yaml file')
+    points.option('--to FILE', '.pts, .csv or .yaml file', Path)
     points.set_defaults(run=_points)
     text = 'Serve an editor by the Language Server Protocol, on stdin and stdout.'
     more = 'docs/spel_editor.md has the settings of editors.'

@@ -9,7 +9,7 @@ import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
-from epson_driver.cli.arguments import DEFAULT_MODEL, define
+from epson_driver.cli.arguments import DEFAULT_MODEL, Parser, define
 from epson_driver.cli.problem_formats import placed
 from epson_driver.inputs import InputError
 from epson_driver.spel import (
@@ -29,34 +29,28 @@ from epson_driver.spel.settings import KEYS
 DEFAULT_CONTROLLER = 'simulated'
 
 
-def add_set(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        metavar='KEY=VALUE',
-        help=f'value of a key ({", ".join(KEYS)}) instead of that in {SETTINGS_FILE}, such as '
+def add_set(parser: Parser) -> None:
+    parser.option(
+        '--set KEY=VALUE',
+        f'value of a key ({", ".join(KEYS)}) instead of that in {SETTINGS_FILE}, such as '
         'ports.201=192.168.0.1:2000 (repeatable)',
-    )
-
-
-def add_program_options(parser: argparse.ArgumentParser) -> None:
-    text = f'(default: of {SETTINGS_FILE}, else'
-    parser.add_argument(
-        '--robot', metavar='MODEL', help=f'robot model, or a .yaml file {text} {DEFAULT_MODEL})'
-    )
-    parser.add_argument(
-        '--controller',
-        metavar='PROFILE',
-        help=f'controller profile, or a .yaml file {text} {DEFAULT_CONTROLLER})',
-    )
-    parser.add_argument(
-        '--define',
-        type=define,
-        action='append',
         default=[],
-        metavar='NAME=VALUE',
-        help='new value for a #define line of the SPEL+ project, empty to disable it (repeatable)',
+        action='append',
+    )
+
+
+def add_program_options(parser: Parser) -> None:
+    text = f'(default: of {SETTINGS_FILE}, else'
+    parser.option('--robot MODEL', f'robot model, or a .yaml file {text} {DEFAULT_MODEL})')
+    parser.option(
+        '--controller PROFILE', f'controller profile, or a .yaml file {text} {DEFAULT_CONTROLLER})'
+    )
+    parser.option(
+        '--define NAME=VALUE',
+        'new value for a #define line of the SPEL+ project, empty to disable it (repeatable)',
+        define,
+        [],
+        action='append',
     )
     add_set(parser)
 
