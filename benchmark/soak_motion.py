@@ -231,15 +231,14 @@ def measured(
 def flat(samples: list[Sample], warm_up: float) -> tuple[dict[str, dict[str, float]], list[str]]:
     """Return the figures after the warm-up, and the resources that have grown.
 
-    Memory is compared by the median of the first and of the last tenth. Descriptors, threads and
-    tasks are compared by their minimum in the first and in the second half: a leak raises the
-    minimum, and a command that is just being executed does not.
+    Memory is compared by the median of the first and of the last tenth. A leak of descriptors,
+    threads or tasks raises both their minimum and their maximum from the first half to the second
+    half. A command that is just being executed, or a link that is just down, changes only one.
     """
     warm = [sample for sample in samples if sample.seconds >= warm_up]
     if len(warm) < MIN_SAMPLES:
         raise ValueError(f'only {len(warm)} samples after the warm-up of {warm_up:g} s')
-    tenth = max(len(warm) // 10, 3)
-    half = len(warm) // 2
+    tenth, half = max(len(warm) // 10, 3), len(warm) // 2
     figures, problems = {}, []
     for name, scale, most in (
         ('memory', 1e-6, MAX_GROWTH_BYTES * 1e-6),
@@ -249,16 +248,17 @@ def flat(samples: list[Sample], warm_up: float) -> tuple[dict[str, dict[str, flo
         ('tasks', 1, 0),
     ):
         values = [getattr(item, name) * scale for item in warm]
-        if most:
-            first, last = median(values[:tenth]), median(values[-tenth:])
-        else:
-            first, last = min(values[:half]), min(values[half:])
+        first, last = median(values[:tenth]), median(values[-tenth:])
+        growth = last - first
+        if not most:
+            before, after = values[:half], values[half:]
+            growth = min(min(after) - min(before), max(after) - max(before))
         figures[name] = {
             'warm': round(first, 3),
             'last': round(last, 3),
             'most': round(max(values), 3),
         }
-        if last - first > most:
+        if growth > most:
             problems.append(f'{name}: {first:.2f} after the warm-up, {last:.2f} at the end')
     return figures, problems
 
