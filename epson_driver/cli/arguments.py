@@ -11,7 +11,6 @@ import math
 import re
 import sys
 from collections.abc import Callable, Sequence
-from itertools import repeat
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -25,7 +24,15 @@ DEFAULT_MODEL = 'c3_a601s'
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that reports an error in one sentence and suggests the nearest option or choice."""
+    """A parser that reports an error in one sentence and suggests the nearest option or choice.
+
+    Options cannot be abbreviated. `texts`: the arguments of `help_texts`, except for a subcommand.
+    """
+
+    def __init__(self, name: str = '', *texts: Any, **options: Any) -> None:
+        if texts:
+            options |= {'prog': f'epson_driver {name}'} | help_texts(*texts)
+        super().__init__(allow_abbrev=False, **options)
 
     def option(
         self,
@@ -56,7 +63,7 @@ class Parser(argparse.ArgumentParser):
         options = [name for name in self._option_string_actions if name.startswith('--')]
         for word in [] if self._subparsers else words[:end]:
             name = word.partition('=')[0]
-            if name.startswith('--') and not any(map(str.startswith, options, repeat(name))):
+            if name.startswith('--') and name not in options:
                 self.error(f'no option {printable(name)}: {meant(name, options)}')
         result, unknown = super().parse_known_args(words, namespace)
         if unknown:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from rclpy.utilities import remove_ros_args
 
-from epson_driver.cli.arguments import Parser, help_texts
+from epson_driver.cli.arguments import Parser
 from epson_driver.inputs import printable
 from epson_driver.node.client_process import run
 from epson_driver.setup.robot_file import robot_settings
@@ -29,23 +29,21 @@ def main() -> int:
 
 def _namespaces(arguments: Sequence[str]) -> list[str]:
     parser = Parser(
-        prog='epson_driver client',
-        **help_texts(
-            'Run the ROS 2 node that drives a controller, or one node per --namespace.',
+        'client',
+        'Run the ROS 2 node that drives a controller, or one node per --namespace.',
+        (
+            'client robot.yaml',
+            'client --ros-args -p robot_ip:=192.168.0.1 -p controller:=rc700a',
+            'client --namespace left --namespace right --ros-args --params-file FILE',
+        ),
+        '0 stopped by a signal, 1 invalid parameter or internal error, 2 invalid arguments',
+        '\n'.join(
             (
-                'client robot.yaml',
-                'client --ros-args -p robot_ip:=192.168.0.1 -p controller:=rc700a',
-                'client --namespace left --namespace right --ros-args --params-file FILE',
-            ),
-            '0 stopped by a signal, 1 invalid parameter or internal error, 2 invalid arguments',
-            '\n'.join(
-                (
-                    '\nparameters (-p NAME:=VALUE) and their defaults:',
-                    *(f'  {row.name:40} {json.dumps(row.default)}' for row in ROWS.values()),
-                    '',
-                    '`ros2 param describe /epson_driver NAME` describes one while the node runs.',
-                )
-            ),
+                '\nparameters (-p NAME:=VALUE) and their defaults:',
+                *(f'  {row.name:40} {json.dumps(row.default)}' for row in ROWS.values()),
+                '',
+                '`ros2 param describe /epson_driver NAME` describes one while the node runs.',
+            )
         ),
     )
     parser.option(

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from epson_driver.cli.arguments import Parser, help_texts, parsed
+from epson_driver.cli.arguments import Parser, parsed
 from epson_driver.cli.doctor import print_finding
 from epson_driver.cli.robot_arguments import add_robot_arguments, look
 from epson_driver.doctor.findings import Findings
@@ -86,15 +86,12 @@ def _asked_model() -> str:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog='epson_driver connect',
-        **help_texts(
-            'Find out which controller and robot answer at an address, and write them to a file '
-            'that the other commands, Python and the launch files accept. Nothing moves.',
-            ('connect 192.168.0.1', 'connect 192.168.0.1 --robot t6_602s --file cell_3.yaml'),
-            '0 the file is written, 1 no controller answers or its model is unknown, '
-            '2 invalid arguments, 130 Ctrl-C',
-        ),
-        allow_abbrev=False,
+        'connect',
+        'Find out which controller and robot answer at an address, and write them to a file '
+        'that the other commands, Python and the launch files accept. Nothing moves.',
+        ('connect 192.168.0.1', 'connect 192.168.0.1 --robot t6_602s --file cell_3.yaml'),
+        '0 the file is written, 1 no controller answers or its model is unknown, '
+        '2 invalid arguments, 130 Ctrl-C',
     )
     add_robot_arguments(parser, 'address of the controller (default: advice how to find it)')
     parser.option('--file FILE', 'new file', Path, Path('robot.yaml'))

@@ -19,7 +19,6 @@ from epson_driver.cli.arguments import (
     Parser,
     add_controller,
     add_robot,
-    help_texts,
     page,
     parsed,
     picture,
@@ -73,13 +72,10 @@ def main() -> int:
 
 def _arguments() -> argparse.Namespace:
     parser = Parser(
-        prog='epson_driver demo',
-        **help_texts(
-            'Execute a planned trajectory through ROS 2 on a simulated robot, and report on it.',
-            ('demo --panel', 'demo --robot ls6_602s --compare'),
-            '0 the arm followed the plan, 1 it did not, 2 invalid arguments, '
-            '3 uncertain, 130 Ctrl-C',
-        ),
+        'demo',
+        'Execute a planned trajectory through ROS 2 on a simulated robot, and report on it.',
+        ('demo --panel', 'demo --robot ls6_602s --compare'),
+        '0 the arm followed the plan, 1 it did not, 2 invalid arguments, 3 uncertain, 130 Ctrl-C',
     )
     add_robot(parser)
     parser.option(

@@ -23,7 +23,6 @@ from rich.table import Table
 from epson_driver.cli.arguments import (
     DEFAULT_MODEL,
     Parser,
-    help_texts,
     parsed,
     path_with,
 )
@@ -207,15 +206,12 @@ def _check_graph(process: subprocess.Popen[str], model: RobotModel, findings: Fi
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog='epson_driver doctor',
-        **help_texts(
-            'Find out why the arm does not move, and report errors from this machine to the '
-            'controller with their remedies. It looks and listens. Options permit more.',
-            ('doctor 192.168.0.1', 'doctor 192.168.0.1 --controller spel --save doctor.txt'),
-            '0 nothing is wrong and nothing inhibits motion, 1 otherwise, '
-            '2 invalid arguments, 130 Ctrl-C',
-        ),
-        allow_abbrev=False,
+        'doctor',
+        'Find out why the arm does not move, and report errors from this machine to the '
+        'controller with their remedies. It looks and listens. Options permit more.',
+        ('doctor 192.168.0.1', 'doctor 192.168.0.1 --controller spel --save doctor.txt'),
+        '0 nothing is wrong and nothing inhibits motion, 1 otherwise, '
+        '2 invalid arguments, 130 Ctrl-C',
     )
     add_robot_arguments(
         parser,

@@ -20,7 +20,6 @@ from epson_driver.cli.arguments import (
     Parser,
     add_controller,
     add_robot,
-    help_texts,
     parsed,
     with_start_joined,
 )
@@ -153,19 +152,16 @@ def _matrix(results: Sequence[Result]) -> Table:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog='epson_driver exercise',
-        **help_texts(
-            'Run a ROS program that uses the driver against the simulated controller, once per '
-            'fault, and report how it reacted. A program that uses Robot needs no driver: test it '
-            'with Robot.simulated() and robot.simulation.fault().',
-            (
-                'exercise -- python3 my_program.py',
-                'exercise --fault estop --junit results.xml -- ros2 launch my_cell cell.launch.py',
-            ),
-            '0 it finished or gave up with a reason in every case, 1 it did not, '
-            '2 invalid arguments or a failure without a fault, 130 Ctrl-C',
+        'exercise',
+        'Run a ROS program that uses the driver against the simulated controller, once per '
+        'fault, and report how it reacted. A program that uses Robot needs no driver: test it '
+        'with Robot.simulated() and robot.simulation.fault().',
+        (
+            'exercise -- python3 my_program.py',
+            'exercise --fault estop --junit results.xml -- ros2 launch my_cell cell.launch.py',
         ),
-        allow_abbrev=False,
+        '0 it finished or gave up with a reason in every case, 1 it did not, '
+        '2 invalid arguments or a failure without a fault, 130 Ctrl-C',
     )
     parser.add_argument(
         'command', nargs='*', metavar='COMMAND', help='command line of the program, after --'

@@ -15,7 +15,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from epson_driver.cli.arguments import Parser, help_texts, parsed
+from epson_driver.cli.arguments import Parser, parsed
 from epson_driver.cli.doctor import print_finding
 from epson_driver.cli.robot_arguments import add_robot_arguments, look, question
 from epson_driver.doctor.findings import Finding, Findings, Level
@@ -134,18 +134,15 @@ def _versions() -> dict[str, str]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog='epson_driver first_run',
-        **help_texts(
-            'Check a real robot step by step on its first day: listen, compare, then move slowly. '
-            'Each step is explained and needs confirmation. Run the same command again to '
-            'continue. Keep a hand on the E-stop. No person may be in the cell.',
-            (
-                'first_run robot.yaml',
-                'first_run 192.168.0.1 --controller spel --robot t6_602s --file cell_3.html',
-            ),
-            '0 all steps done, 1 some steps remain or failed, 2 invalid arguments, 130 Ctrl-C',
+        'first_run',
+        'Check a real robot step by step on its first day: listen, compare, then move slowly. '
+        'Each step is explained and needs confirmation. Run the same command again to '
+        'continue. Keep a hand on the E-stop. No person may be in the cell.',
+        (
+            'first_run robot.yaml',
+            'first_run 192.168.0.1 --controller spel --robot t6_602s --file cell_3.html',
         ),
-        allow_abbrev=False,
+        '0 all steps done, 1 some steps remain or failed, 2 invalid arguments, 130 Ctrl-C',
     )
     add_robot_arguments(parser, 'address of the controller, or robot.yaml')
     parser.option('--file FILE', 'page with the results (default: first_run_ADDRESS.html)', Path)

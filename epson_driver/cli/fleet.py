@@ -24,7 +24,7 @@ from rich.table import Table
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from epson_driver.cli.arguments import Parser, help_texts, parsed
+from epson_driver.cli.arguments import Parser, parsed
 from epson_driver.inputs import count, number, printable
 from epson_driver.node.ros_process import polled_subscription, take_all, udp_by_default
 from epson_driver.processes import interrupt, processes
@@ -156,13 +156,11 @@ def running_fleet(folder: Path, size: int) -> Iterator[tuple[Fleet, list[str]]]:
 
 def main() -> int:
     parser = Parser(
-        prog='epson_driver fleet',
-        **help_texts(
-            'Run simulated robots, their drivers and a discovery server, and show their state.',
-            ('fleet', 'fleet --robots 16 --seconds 60'),
-            '0 all robots were up until the end, 1 some were not, 2 invalid arguments, '
-            '130 Ctrl-C before all were up',
-        ),
+        'fleet',
+        'Run simulated robots, their drivers and a discovery server, and show their state.',
+        ('fleet', 'fleet --robots 16 --seconds 60'),
+        '0 all robots were up until the end, 1 some were not, 2 invalid arguments, '
+        '130 Ctrl-C before all were up',
     )
     parser.option('--robots N', 'number of robots', count(1, 64), 4)
     text = 'run time, s (default: until Ctrl-C)'

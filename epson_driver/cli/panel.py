@@ -12,7 +12,7 @@ from pathlib import Path
 
 from epson_driver.aio import Robot
 from epson_driver.api.ownership import Page
-from epson_driver.cli.arguments import FREE_PORT, Parser, help_texts, host
+from epson_driver.cli.arguments import FREE_PORT, Parser, host
 from epson_driver.inputs import InputError, printable
 from epson_driver.panel import INSTALL, missing
 from epson_driver.processes.interrupt import ended_by_signals, ending_signals
@@ -148,17 +148,14 @@ def _robot_file(text: str) -> str:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog='epson_driver panel',
-        **help_texts(
-            'Show the robots in a browser: 3D view, status, curves, log and buttons.',
-            (
-                'panel --simulated --robot c4_a601s',
-                'panel --port 8081 --robot /left/epson_driver --allow-motion',
-                'panel robot.yaml --no-ros --allow-motion',
-            ),
-            '0 stopped by a signal, 1 cannot start or internal error, 2 invalid arguments',
+        'panel',
+        'Show the robots in a browser: 3D view, status, curves, log and buttons.',
+        (
+            'panel --simulated --robot c4_a601s',
+            'panel --port 8081 --robot /left/epson_driver --allow-motion',
+            'panel robot.yaml --no-ros --allow-motion',
         ),
-        allow_abbrev=False,
+        '0 stopped by a signal, 1 cannot start or internal error, 2 invalid arguments',
     )
     parser.add_argument(
         'file',

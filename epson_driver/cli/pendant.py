@@ -11,7 +11,6 @@ from epson_driver.cli.arguments import (
     PORT,
     Parser,
     add_password,
-    help_texts,
     host,
     parsed,
 )
@@ -33,14 +32,11 @@ def main() -> int:
     more = {STATUS: 'state of the controller', KINDS: 'list the kinds of faults'}
     actions = f'\nactions (*: only at a simulated controller):\n{hand.overview(more)}'
     parser = Parser(
-        prog='epson_driver pendant',
-        **help_texts(
-            'Perform operator actions at a controller.',
-            ('pendant status', 'pendant --port 5000 estop press'),
-            '0 done, 1 refused or no answer, 2 invalid arguments, 130 Ctrl-C',
-            actions,
-        ),
-        allow_abbrev=False,
+        'pendant',
+        'Perform operator actions at a controller.',
+        ('pendant status', 'pendant --port 5000 estop press'),
+        '0 done, 1 refused or no answer, 2 invalid arguments, 130 Ctrl-C',
+        actions,
     )
     parser.option('--host ADDRESS', 'address of the controller', host, '127.0.0.1')
     parser.option('--port PORT', 'remote port', PORT, 5000)

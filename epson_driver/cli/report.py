@@ -5,7 +5,7 @@
 import argparse
 from pathlib import Path
 
-from epson_driver.cli.arguments import Parser, add_controller, add_robot, help_texts, parsed
+from epson_driver.cli.arguments import Parser, add_controller, add_robot, parsed
 from epson_driver.cli.arguments import page as page_path
 from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import InputError, printable
@@ -75,14 +75,11 @@ def is_bag(path: Path) -> bool:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog='epson_driver report',
-        **help_texts(
-            "Report on a run as one HTML page, from the driver's traces (trace_file), tcpdump "
-            "captures, or bags (pip install 'epson_driver[report]').",
-            ('report run.pcap', 'report --compare before.pcap after.pcap --output compared.html'),
-            '0 done, 2 invalid arguments, 130 Ctrl-C',
-        ),
-        allow_abbrev=False,
+        'report',
+        "Report on a run as one HTML page, from the driver's traces (trace_file), tcpdump "
+        "captures, or bags (pip install 'epson_driver[report]').",
+        ('report run.pcap', 'report --compare before.pcap after.pcap --output compared.html'),
+        '0 done, 2 invalid arguments, 130 Ctrl-C',
     )
     parser.add_argument(
         'files',

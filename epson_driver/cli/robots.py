@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from epson_driver.cli.arguments import Parser, help_texts, parsed
+from epson_driver.cli.arguments import Parser, parsed
 from epson_driver.inputs import InputError
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
@@ -71,16 +71,14 @@ def _write(arguments: argparse.Namespace) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog='epson_driver robots',
-        **help_texts(
-            'List the robot models, or all numbers of one model with their sources.',
-            ('robots --search scara --payload 6', 'robots c4_a601s'),
-            '0 done, 2 invalid arguments',
-            "\nconfirmed: by two independent sources, or by EPSON's for this model\n"
-            'derived: computed from confirmed numbers, or from a sister model\n'
-            'estimated: a proxy, from memory, or a guess\n'
-            'Check all numbers that are not confirmed against the manipulator manual.',
-        ),
+        'robots',
+        'List the robot models, or all numbers of one model with their sources.',
+        ('robots --search scara --payload 6', 'robots c4_a601s'),
+        '0 done, 2 invalid arguments',
+        "\nconfirmed: by two independent sources, or by EPSON's for this model\n"
+        'derived: computed from confirmed numbers, or from a sister model\n'
+        'estimated: a proxy, from memory, or a guess\n'
+        'Check all numbers that are not confirmed against the manipulator manual.',
     )
     parser.add_argument(
         'model',

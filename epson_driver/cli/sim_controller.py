@@ -23,7 +23,6 @@ from epson_driver.cli.arguments import (
     Parser,
     add_password,
     argument,
-    help_texts,
     host,
     if_in_use,
     parsed,
@@ -247,16 +246,13 @@ def _program_port(text: str) -> tuple[int, int]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog='epson_driver sim_controller',
-        **help_texts(
-            'Simulate an EPSON controller until SIGINT or SIGTERM.',
-            (
-                'sim_controller --robot c4_a601s --panel',
-                'sim_controller --controller rc700a --fault late_reply:seconds=3',
-            ),
-            '0 stopped by a signal, 1 a port is in use or the planner failed, 2 invalid arguments',
+        'sim_controller',
+        'Simulate an EPSON controller until SIGINT or SIGTERM.',
+        (
+            'sim_controller --robot c4_a601s --panel',
+            'sim_controller --controller rc700a --fault late_reply:seconds=3',
         ),
-        allow_abbrev=False,
+        '0 stopped by a signal, 1 a port is in use or the planner failed, 2 invalid arguments',
     )
     parser.option('--host ADDRESS', 'address to listen on', host, '127.0.0.1')
     for name, default in _PORTS._asdict().items():

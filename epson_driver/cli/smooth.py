@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from epson_driver.cli.arguments import Parser, add_robot, help_texts, parsed, picture
+from epson_driver.cli.arguments import Parser, add_robot, parsed, picture
 from epson_driver.inputs import InputError, number
 from epson_driver.motion import JointLimits, Trajectory, smooth
 from epson_driver.motion.closest_samples import passed
@@ -181,14 +181,11 @@ def _table(study: SmoothingComparison, planned: str, look_ahead: float) -> Table
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog='epson_driver smooth',
-        **help_texts(
-            'Smooth a planned trajectory within all joint limits and without intermediate stops, '
-            'and compare it with point-to-point motion and a plain spline.',
-            ('smooth plan.yaml', 'smooth plan.yaml --mode time_optimal --output fast.yaml'),
-            '0 done, 2 invalid arguments, 130 Ctrl-C',
-        ),
-        allow_abbrev=False,
+        'smooth',
+        'Smooth a planned trajectory within all joint limits and without intermediate stops, '
+        'and compare it with point-to-point motion and a plain spline.',
+        ('smooth plan.yaml', 'smooth plan.yaml --mode time_optimal --output fast.yaml'),
+        '0 done, 2 invalid arguments, 130 Ctrl-C',
     )
     parser.add_argument('file', type=Path, metavar='FILE', help='JointTrajectory as YAML')
     parser.add_argument(

@@ -6,7 +6,7 @@ import sys
 
 from rclpy.utilities import remove_ros_args
 
-from epson_driver.cli.arguments import Parser, help_texts, parsed
+from epson_driver.cli.arguments import Parser, parsed
 from epson_driver.inputs import printable
 from epson_driver.node.client_process import run
 from epson_driver.node.smooth_goals import DEFAULT_NAME, SmoothGoals
@@ -16,17 +16,15 @@ NO_ADDRESS = 'smooth_goals has no address: it forwards goals to a driver that ru
 
 def main() -> int:
     parser = Parser(
-        prog='epson_driver smooth_goals',
-        **help_texts(
-            'Smooth FollowJointTrajectory goals within the joint limits, and forward them to the '
-            "action of another driver. `ros2 param describe` shows the node's parameters.",
-            (
-                'smooth_goals --ros-args -p limits_file:=joint_limits.yaml \\\n'
-                '    -p action:=/joint_trajectory_controller/follow_joint_trajectory',
-                'smooth_goals --ros-args -p limits_file:=c4_a601s',
-            ),
-            '0 stopped by a signal, 1 invalid parameter or internal error, 2 invalid arguments',
+        'smooth_goals',
+        'Smooth FollowJointTrajectory goals within the joint limits, and forward them to the '
+        "action of another driver. `ros2 param describe` shows the node's parameters.",
+        (
+            'smooth_goals --ros-args -p limits_file:=joint_limits.yaml \\\n'
+            '    -p action:=/joint_trajectory_controller/follow_joint_trajectory',
+            'smooth_goals --ros-args -p limits_file:=c4_a601s',
         ),
+        '0 stopped by a signal, 1 invalid parameter or internal error, 2 invalid arguments',
     )
     try:
         parsed(parser, remove_ros_args(sys.argv)[1:], refused=NO_ADDRESS)

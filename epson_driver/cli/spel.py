@@ -46,12 +46,10 @@ def main() -> int:
 def _parser() -> argparse.ArgumentParser:
     codes = '0 no problem, 1 problems found, 2 invalid arguments, 130 Ctrl-C'
     parser = Parser(
-        prog='epson_driver spel',
-        **help_texts(
-            'Check, run, test, edit and export SPEL+ programs without a robot and without RC+.',
-            ('spel check my_project', 'spel test my_project'),
-            codes,
-        ),
+        'spel',
+        'Check, run, test, edit and export SPEL+ programs without a robot and without RC+.',
+        ('spel check my_project', 'spel test my_project'),
+        codes,
     )
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
     text = 'Find errors and probable mistakes in a program.'
