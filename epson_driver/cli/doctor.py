@@ -4,7 +4,6 @@
 
 import argparse
 import asyncio
-import dataclasses
 import json
 import subprocess
 import sys
@@ -72,11 +71,10 @@ def main() -> int:
             findings = Findings(at_once, status.update)
             facts, model = asyncio.run(_check(arguments, findings, status.stop)) or ({}, model)
             findings.busy('importing ROS')
-            ros = check_environment(findings)
-            if ros:
+            if check_environment(findings):
                 findings.busy('looking for drivers and MoveIt in this ROS domain')
                 _check_graph(graph, model, findings)
-        return _finish(arguments, findings, facts, console, ros=ros)
+        return _finish(arguments, findings, facts, console)
     except (OSError, InputError) as error:
         parser.error(printable(error))
     except EOFError:
@@ -117,12 +115,7 @@ def _graph_reader() -> Iterator[subprocess.Popen[str]]:
 
 
 def _finish(
-    arguments: argparse.Namespace,
-    findings: Findings,
-    facts: Facts,
-    console: Console,
-    *,
-    ros: bool,
+    arguments: argparse.Namespace, findings: Findings, facts: Facts, console: Console
 ) -> int:
     if arguments.learn is not None:
         if facts:
@@ -138,7 +131,7 @@ def _finish(
                 '--learn', 'nothing was found out, so no profile is written', 'see above'
             )
     if not arguments.jog:  # then they were printed at once
-        _show(console, findings, everything=arguments.all, ros=ros)
+        _show(console, findings, everything=arguments.all)
     if arguments.save is not None:
         head = [f'epson_driver doctor {" ".join(sys.argv[1:])}', f'{datetime.now(UTC):%F %T} UTC']
         write_file(arguments.save, as_text(findings, head))
@@ -167,7 +160,7 @@ def print_finding(console: Console, finding: Finding) -> None:
     console.print(grid)
 
 
-def _show(console: Console, findings: Findings, *, everything: bool, ros: bool) -> None:
+def _show(console: Console, findings: Findings, *, everything: bool) -> None:
     """Print the findings, the worst first.
 
     Without `everything`, passed checks share one line.
@@ -178,9 +171,8 @@ def _show(console: Console, findings: Findings, *, everything: bool, ros: bool) 
         del shown[-len(fine) + 1 :]
         names = ', '.join(dict.fromkeys(item.about for item in fine[1:]))
         shown.append(Finding(Level.OK, 'also in order', names))
-    for item in shown:  # `~/` marks a ROS service
-        remedy = item.remedy if ros else item.remedy.replace('~/', '')
-        print_finding(console, dataclasses.replace(item, remedy=remedy))
+    for item in shown:
+        print_finding(console, item)
 
 
 def _check_graph(process: subprocess.Popen[str], model: RobotModel, findings: Findings) -> None:
@@ -210,7 +202,7 @@ def _parser() -> argparse.ArgumentParser:
         'Find out why the arm does not move, and report errors from this machine to the '
         'controller with their remedies. It looks and listens. Options permit more.',
         ('doctor 192.168.0.1', 'doctor 192.168.0.1 --controller spel --save doctor.txt'),
-        '0 nothing is wrong and nothing inhibits motion, 1 otherwise, '
+        '0 nothing is wrong and enabling suffices to move, 1 otherwise, '
         '2 invalid arguments, 130 Ctrl-C',
     )
     add_robot_arguments(

@@ -41,7 +41,7 @@ from epson_driver.doctor.state_facts import (
     rhythm,
     state_facts,
 )
-from epson_driver.driver.inhibit import MAIN_ENDED, Cause, controller_error, seen_inhibit
+from epson_driver.driver.inhibit import MAIN_ENDED, Cause, seen_inhibit, status_inhibit
 from epson_driver.error_texts import load_error_texts
 from epson_driver.profiles import ControllerProfile
 from epson_driver.remote_ethernet.answers import ask_positions
@@ -334,9 +334,11 @@ def _report_condition(question: Question, state: Conversation, findings: Finding
         findings.note('STATUS fields', text, 'the driver uses positions and replies instead')
     else:
         findings.ok('STATUS fields', 'all are filled')
-    if status.error_code and status.in_error != TriState.TRUE:
-        error = controller_error(status, load_error_texts(question.profile.error_texts))
-        findings.note('error', error.text, f'{error.advice}, reset, then ~/enable')
+    errors = load_error_texts(question.profile.error_texts)
+    if status.error_code and status_inhibit(status, errors) is None:  # else it is named there
+        number = status.error_code
+        text = f'the last error was {errors.phrase(number)}'
+        findings.note('error', text, errors.advice(number, 'see the manual of the controller'))
 
 
 def _check_positions(joints: tuple[float, ...], model: RobotModel, findings: Findings) -> None:

@@ -33,7 +33,7 @@ class Findings:
 
     * report: called with each finding.
     * busy: called with a description of the current step.
-    * doubt: a sentence that explains why it is unknown whether the arm could move, or ''.
+    * doubt: why the arm cannot move yet, or why it is unknown whether it could, or ''.
     """
 
     def __init__(
@@ -103,27 +103,31 @@ ABOUT = {
 }
 """Cause → subject of a finding about it. The subject of all other causes is the arm."""
 
+ENABLE = 'enable the arm (ROS: ~/enable, Python: enable(), panel: Enable)'
+RESET = 'reset (ROS: ~/reset_error, Python: reset(), panel: Reset error), then enable the arm'
 WORDS = {
-    Remedy.RELEASE_ESTOP: 'release it, ~/reset_error (or reset at the controller), then ~/enable',
-    Remedy.RESET: '~/reset_error, then ~/enable',
-    Remedy.TURN_TO_AUTO: 'turn it to AUTO, then ~/enable',
-    Remedy.ENABLE: '~/enable (the driver switches the motors on if it can). If they stay off, '
-    'close the safeguard',
-    Remedy.CLOSE_SAFEGUARD: 'close it, reset or continue at the controller, then ~/enable',
-    Remedy.START_MAIN: 'start main at the controller, or ~/enable',
+    Remedy.RELEASE_ESTOP: f'release it, {RESET}',
+    Remedy.RESET: RESET,
+    Remedy.ENABLE: f'{ENABLE}. If the motors stay off, close the safeguard',
+    Remedy.START_MAIN: f'start main at the controller, or {ENABLE}',
     Remedy.LOOK_AT_CONTROLLER: 'close the safeguard, continue or start main there (with --ask, a '
     'remote port shows which)',
 }
 
 
 def report_inhibit(inhibit: Inhibit, findings: Findings, driver: str = '') -> None:
-    """Report a reason why the arm cannot move.
+    """Report a reason why the arm cannot move. If enabling is enough, this is only a note.
 
     `driver`: the driver that reports the reason, if any.
     """
     remedy = WORDS.get(inhibit.remedy, inhibit.remedy.value)
+    advice = ', '.join(filter(None, (inhibit.advice, remedy)))
     about = driver or ABOUT.get(inhibit.cause, ARM)
-    findings.inhibit(about, inhibit.text, ', '.join(filter(None, (inhibit.advice, remedy))))
+    if inhibit.remedy is Remedy.ENABLE:
+        findings.doubt = f'the arm cannot move yet: {inhibit.text}'
+        findings.note(about, inhibit.text, advice)
+    else:
+        findings.inhibit(about, inhibit.text, advice)
 
 
 def report_drivers(drivers: Sequence[Mapping[str, str]], findings: Findings) -> None:

@@ -198,10 +198,10 @@ CLOSED = {
 
 def test_closed_arm_gate_is_reported(called):
     code, output = called(drivers=[CLOSED])
-    assert code == 1
-    assert f'inhibit driver /left/epson_driver (127.0.0.1): {CLOSED["text"]}' in output
-    assert '→ ~/enable' in output
-    assert output.splitlines()[-1] == f'the arm cannot move: {CLOSED["text"]}'
+    assert code == 0
+    assert f'note    driver /left/epson_driver (127.0.0.1): {CLOSED["text"]}' in output
+    assert '→ enable the arm (ROS: ~/enable, ' in output
+    assert output.splitlines()[-1] == f'the arm cannot move yet: {CLOSED["text"]}'
     assert 'nothing is wrong' not in output
 
 
@@ -246,19 +246,19 @@ def test_controller_with_nothing_loaded_is_fine_without_ros():
     assert 'ok      joints: within the limits of a t6_602s: ' in every.stdout
 
 
-def test_worst_findings_come_first_and_without_ros_no_service_is_named(capsys):
+def test_worst_findings_come_first(capsys):
     findings = Findings(lambda finding: None)
     findings.ok('a', 'fine')
     findings.ok('b', 'fine')
     findings.skipped('c', 'skipped')
-    findings.inhibit('d', 'motors off', '~/enable')
+    findings.inhibit('d', 'at MANUAL', 'turn it')
     findings.wrong('e', 'broken', 'mend it')
-    command._show(Console(highlight=False), findings, everything=False, ros=False)
+    command._show(Console(highlight=False), findings, everything=False)
     assert [line.strip() for line in capsys.readouterr().out.splitlines()] == [
         'wrong   e: broken',
         '→ mend it',
-        'inhibit d: motors off',
-        '→ enable',
+        'inhibit d: at MANUAL',
+        '→ turn it',
         'skipped c: skipped',
         'ok      a: fine',
         'ok      also in order: b',

@@ -306,9 +306,7 @@ def door_open(controller):
 @pytest.mark.parametrize(
     ('prepare', 'about', 'text', 'remedy'),
     [
-        (lambda controller: None, 'motors', 'the motors are off', 'enable'),
         (at_manual, 'key switch', 'the key switch is at MANUAL', 'AUTO'),
-        (door_open, 'motors', 'the motors are off', 'close the safeguard'),
         (paused, 'the arm', 'motion is not possible (a safeguard is open', 'continue'),
     ],
 )
@@ -320,6 +318,16 @@ def test_reason_why_the_arm_cannot_move_comes_first(prepare, about, text, remedy
     assert remedy in first.remedy
     assert findings.verdict == f'the arm cannot move: {first.text}'
     assert findings.exit_code == 1
+
+
+@pytest.mark.parametrize('prepare', [lambda controller: None, door_open])
+def test_motors_that_are_off_are_a_note_with_the_remedy(prepare):
+    _, findings = examined(prepare=prepare)
+    first = findings.all[0]
+    assert (first.level, first.about, first.text) == (Level.NOTE, 'motors', 'the motors are off')
+    assert first.remedy.startswith('enable the arm (ROS: ~/enable, Python: enable()')
+    assert 'close the safeguard' in first.remedy
+    assert (findings.verdict, findings.exit_code) == (f'the arm cannot move yet: {first.text}', 0)
 
 
 @pytest.mark.parametrize(

@@ -186,6 +186,12 @@ def found(findings, level):
             '2313',
         ),
         (
+            sends(JOINTS, Status(1, 0, 2261, 0, 0, 2, 1)),
+            Level.NOTE,
+            'error',
+            'the last error was 2261 (the motion task was stopped, or aborted by',
+        ),
+        (
             sends(JOINTS, Status(0, 0, 0, 0, TriState.UNKNOWN, 2, TriState.UNKNOWN)),
             Level.NOTE,
             'STATUS fields',
@@ -202,6 +208,7 @@ def found(findings, level):
         'degrees',
         'seven joints',
         'error',
+        'last error',
         'unknown',
     ],
 )
