@@ -18,8 +18,9 @@ from rich.markup import escape
 from epson_driver.cli.arguments import Parser, parsed
 from epson_driver.cli.doctor import print_finding
 from epson_driver.cli.robot_arguments import add_robot_arguments, look, question
-from epson_driver.doctor.findings import Finding, Findings, Level
+from epson_driver.doctor.findings import ABOUT, Finding, Findings, Level
 from epson_driver.doctor.look import report_look
+from epson_driver.driver.inhibit import Cause
 from epson_driver.first_run.record import FirstRunRecord, load
 from epson_driver.first_run.run import go_through
 from epson_driver.first_run.steps import FirstRun
@@ -37,7 +38,7 @@ def main() -> int:
         parser.error('the address of a controller, or a file of connect, is needed')
     path = arguments.file or Path(f'first_run_{arguments.address}.html'.replace(':', '_'))
     console = Console(highlight=False)
-    findings = Findings(lambda finding: _print_unless_skipped(console, finding))
+    findings = Findings(lambda finding: _print_if_useful(console, finding))
     try:
         if not (arguments.controller and arguments.robot):
             seen = asyncio.run(look(arguments))
@@ -76,8 +77,9 @@ def main() -> int:
     return int(failed or not ended)
 
 
-def _print_unless_skipped(console: Console, finding: Finding) -> None:
-    if finding.level is not Level.SKIPPED:  # a later step makes the skipped checks
+def _print_if_useful(console: Console, finding: Finding) -> None:
+    later = finding.level is Level.SKIPPED or finding.about == ABOUT[Cause.MOTORS_OFF]
+    if not later:  # a later step makes the skipped checks, and asks for the motors
         print_finding(console, finding)
 
 

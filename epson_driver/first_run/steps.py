@@ -57,6 +57,7 @@ STREAM_POINTS = 40
 STREAM_PERIODS_S = (0.1, 0.05)
 
 REPLY_TRIES = 5
+READY_TRIES = 3
 PENDANT_TOLERANCE = 0.05
 """Tolerance between the pendant's values and the joint states, degrees or mm."""
 
@@ -266,8 +267,7 @@ async def make_ready(run: FirstRun) -> None:
     await state.wait_for_traffic(latest_status, 5.0)
     status = latest_status(state.traffic)
     if status is None or seen_inhibit(status, run.errors) is not None:
-        what = 'Set the power LOW, stop main, reset if in error, switch the motors on, start main'
-        await _ready(run, state, SWITCHED_ON if run.remote else what)
+        await _ready(run, state, SWITCHED_ON if run.remote else f'Set the power LOW, {MAIN_AGAIN}')
 
 
 class EndedError(Exception):
@@ -299,8 +299,9 @@ async def _power(run: FirstRun) -> StepResult:
 
 
 async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
-    """Ask the user to do `what`, again and again until STATUS permits motion."""
-    while True:
+    """Ask the user to do `what`, until STATUS permits motion. Raises NotMovedError otherwise."""
+    why = ''
+    for _ in range(READY_TRIES):
         done = await agreed(run.ask, f'{what}, then press Enter (s: skip this step): ')
         if done and run.remote:
             await _switch_on(run, state)
@@ -313,7 +314,9 @@ async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
         result = None if status is None else seen_inhibit(status, run.errors)
         if status is not None and result is None:
             return
-        run.findings.note('not ready', 'no STATUS received' if result is None else result.text)
+        why = 'no STATUS received' if result is None else result.text
+        run.findings.note('not ready', why)
+    raise NotMovedError(f'the arm was not made ready in {READY_TRIES} tries: {why}')
 
 
 async def _switch_on(run: FirstRun, state: Conversation) -> None:
@@ -436,9 +439,11 @@ async def _points(run: FirstRun) -> StepResult:
         periods.append(period)
         stops = rests(made)
         await _move_and_record(run, state, motion, [here], [MOVE_S])
-    result.facts |= _buffer(counts, periods)
+    buffer = _buffer(counts, periods)
+    if not run.question.profile.spel.project:  # a project has a look-ahead of its own
+        result.facts |= buffer
     # a point acknowledged at the arm's arrival leaves the arm without a next point
-    waits = result.facts.get('program.acknowledge') == 'default'
+    waits = buffer.get('program.acknowledge') == 'default'
     result.facts['rests at points'] = waits or stops > STREAM_POINTS // 4
     if result.facts['rests at points']:
         text = f'{stops} stops at {STREAM_POINTS} points'
@@ -595,6 +600,7 @@ LISTEN_REMOTE = 'Ask Remote Ethernet for the status and the joint positions.'
 READY = 'Set the power LOW and switch the motors on.'
 READY_REMOTE = 'Switch the motors on, in low power. Nothing moves.'
 SWITCHED_ON = 'Make the cell safe (Enter switches the motors on, in low power)'
+MAIN_AGAIN = 'stop main, reset, switch the motors on, start main'
 
 
 def _estopped(status: Status) -> bool:
@@ -647,7 +653,7 @@ def steps(joints: int, *, remote: bool = False) -> list[Step]:
                 'E-stop',
                 'press the E-stop',
                 _estopped,
-                'Release it, reset, motors on',
+                f'Release it, {MAIN_AGAIN}',
             ),
             moves=True,
         ),
@@ -659,7 +665,7 @@ def steps(joints: int, *, remote: bool = False) -> list[Step]:
                 'door',
                 'open the safeguard',
                 _motion_inhibited,
-                'Close it, reset, motors on, main',
+                f'Close it, {MAIN_AGAIN}',
             ),
             moves=True,
         ),

@@ -469,6 +469,22 @@ def test_inv1_only_enter_or_y_moves_the_arm(tmp_path, monkeypatch):
     np.testing.assert_allclose(user.controller.joint_position().joints[:6], START, atol=1e-5)
 
 
+def test_step_fails_if_the_arm_is_not_made_ready(tmp_path, monkeypatch):
+    answer = User.ask
+
+    async def only_enter(user, sentence):
+        if sentence.startswith('Set the'):
+            user.asked.append((user.step, sentence))
+            return ''
+        return await answer(user, sentence)
+
+    monkeypatch.setattr(User, 'ask', only_enter)
+    made = first_day(tmp_path, only=['joint 1'])
+    why = 'the arm was not made ready in 3 tries: the motors are off'
+    assert made['book'].entries['joint 1'].why == why
+    assert sum(sentence.startswith('Set the') for _, sentence in made['user'].asked) == 3
+
+
 @pytest.mark.invariant(1)
 @pytest.mark.parametrize(
     ('question', 'answers'), [('Is the power low', ['maybe', 'n']), (CHOICES, ['q'])]
