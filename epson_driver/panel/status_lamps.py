@@ -20,12 +20,19 @@ WORDS = {
     Remedy.RELEASE_ESTOP: 'release the E-stop, then Reset error, then Enable',
     Remedy.RESET: 'Reset error, then Enable',
     Remedy.TURN_TO_AUTO: 'turn it to AUTO, then press Enable',
+    Remedy.START_MAIN: 'start main, or press Enable',
     Remedy.ENABLE: 'press Enable',
     Remedy.CONTINUE: 'Continue at the pendant',
 }
 """Remedy → its text, with the names of the page's buttons."""
 
-NEED_ARMING = (Remedy.RELEASE_ESTOP, Remedy.RESET, Remedy.TURN_TO_AUTO, Remedy.ENABLE)
+NEED_ARMING = (
+    Remedy.RELEASE_ESTOP,
+    Remedy.RESET,
+    Remedy.TURN_TO_AUTO,
+    Remedy.START_MAIN,
+    Remedy.ENABLE,
+)
 CALM = (Cause.MANUAL_MODE, Cause.NOT_ENABLED, Cause.MOTORS_OFF, Cause.PAUSED)
 """Causes that are no fault. For a simulated controller, `_condition` is the source of more precise
 advice."""
@@ -119,8 +126,8 @@ def advice(state: RobotState, now: float) -> Advice:
         if state.joints_missing(now) or not state.fresh('status', now):
             remedy = WORDS[Remedy.CHECK_STATE_SERVER]
             return Advice(state.no_joints or 'the controller is silent', remedy, BAD)
-        simulated = _ended(condition) or _held(condition)
-    elif result.remedy is Remedy.CONNECT:
+        simulated = _held(condition)
+    elif result.remedy in (Remedy.CONNECT, Remedy.END_CLIENT):
         simulated = _ended(condition)
     elif result.cause is Cause.ESTOP:
         simulated = _estop(condition)

@@ -211,6 +211,14 @@ def test_stopped_simulated_program_explains_the_lost_link(
     assert 'no link' in advice(result, NOW).reason
 
 
+def test_ended_simulated_program_leaves_the_remedy_to_a_connected_driver() -> None:
+    inhibit = Inhibit(Cause.NOT_ENABLED, Remedy.ENABLE, 'the E-stop was pressed')
+    result = state(inhibit=inhibit, simulation=Simulation({'tasks': 'stopped'}))
+    shown_advice = advice(result, NOW)
+    assert shown_advice[:2] == ('the E-stop was pressed', 'press Enable')
+    assert shown_advice.armed
+
+
 def test_line_logged_by_driver_and_panel_is_shown_once() -> None:
     result = RobotState()
     result.add_event(Event(10.0, 20, '~/enable: the arm is enabled'))

@@ -198,7 +198,8 @@ const parts = {
       return made;
     }, (made, value, j) => {
       const share = (value * arm.per_unit[j] - arm.low[j]) / (arm.high[j] - arm.low[j]);
-      made.classList.toggle('near', share < NEAR_END || share > 1 - NEAR_END);
+      // an end at 0, such as the upper end of a SCARA's joint 3, is its home
+      made.classList.toggle('near', (share < NEAR_END && arm.low[j] < 0) || (share > 1 - NEAR_END && arm.high[j] > 0));
       made.querySelector('s').style.left = `${100 * Math.min(1, Math.max(0, share))}%`;
       made.children[3].textContent = pose.fresh ? shown[j] : '?';
     });
