@@ -11,6 +11,7 @@ class Remedy(Enum):
 
     NONE = ''
     CONNECT = 'start the controller, or check its address and ports'
+    END_CLIENT = 'end the other client, or start the program'
     FIX_LOGIN = 'set password_variable to the name of a variable with the password of RC+'
     CHECK_STATE_SERVER = 'check whether the state server of the controller is running'
     KEEP_AWAY = 'keep away, press the E-stop, and find the cause'

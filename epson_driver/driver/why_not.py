@@ -28,6 +28,7 @@ from epson_driver.driver.state.robot_state import RobotState
 from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.link import Link
+from epson_driver.link.link_reports import MAX_SHORT, TURNED_AWAY
 from epson_driver.remote_ethernet.client import RemoteError, RemoteErrorNumber
 from epson_driver.simple_message import Status
 
@@ -79,8 +80,11 @@ class InhibitTable:
         state = link.state.value.replace('_', ' ')
         if cause is Cause.NO_MOTION_LINK and self.connects_later():
             state = 'waiting for joints, which show the byte order'
+        remedy = link_remedy(link)
+        if remedy is Remedy.END_CLIENT:
+            state = f'closed by the controller immediately: {TURNED_AWAY}'
         text = f'the {link.name} link to {link.host}:{link.port} is {state}'
-        return Inhibit(cause, link_remedy(link), f'no link to the controller: {text}')
+        return Inhibit(cause, remedy, f'no link to the controller: {text}')
 
     def _no_joints(self, now: float) -> Inhibit | None:
         sample = self.robot.sample
@@ -196,7 +200,8 @@ def link_remedy(link: Link) -> Remedy:
     failure = link.failure
     if isinstance(failure, RemoteError) and failure.number in _NEED_PASSWORD:
         return Remedy.FIX_LOGIN
-    return Remedy.CONNECT
+    turned_away = failure is None and link.attempt >= MAX_SHORT
+    return Remedy.END_CLIENT if turned_away else Remedy.CONNECT
 
 
 _NEED_PASSWORD = (RemoteErrorNumber.PASSWORD, RemoteErrorNumber.PASSWORD_NEEDED)

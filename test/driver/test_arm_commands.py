@@ -12,6 +12,7 @@ from support.driver_harness import (
     cell,
     pose,
     scripted_cell,
+    simulated,
 )
 from support.event_loop import until
 from support.sim_process import vacant_port
@@ -104,6 +105,18 @@ async def test_enable_without_a_controller_names_the_link():
         text = await rejection(harness.commands.enable())
         assert f'the state link to 127.0.0.1:{port} is ' in text
         assert text.endswith('; CONNECT')
+
+
+async def test_enable_beside_another_client_names_it():
+    async with simulated() as (_, ports):
+        _, other = await asyncio.open_connection('127.0.0.1', ports.motion)
+        async with Harness(ports) as harness:
+            motion = harness.driver.motion_link
+            await until(lambda: motion.attempt > 3 and not motion.connected)
+            text = await rejection(harness.commands.enable())
+            assert 'immediately: another client is connected, or its program is' in text
+            assert text.endswith('; END_CLIENT')
+        other.close()
 
 
 async def test_enable_with_the_estop_pressed_or_latched_is_refused():
