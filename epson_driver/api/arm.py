@@ -26,6 +26,9 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
 
 T = TypeVar('T')
 
+MAX_ECCENTRICITY_M = 1.0
+"""Distance of a payload's center from the flange axis. EPSON's arms allow 0.15 to 0.2 m."""
+
 
 class Arm(Unique):
     """Measured state, tool and frames of an arm. Robot inherits all of these members."""
@@ -262,4 +265,9 @@ def _load(model: RobotModel, mass: float, center: npt.ArrayLike, inertia: npt.Ar
         diagonal = np.diag(about).tolist()
         raise ValueError(f'inertia: its diagonal is {diagonal}: must not be negative')
     distance = float(np.hypot(*place[:2]))
+    if distance > MAX_ECCENTRICITY_M:
+        raise ValueError(
+            f'center is {distance:g} m from the flange axis: must be at most '
+            f'{MAX_ECCENTRICITY_M:g} (x and y in m, not mm)'
+        )
     return Load(weight, float(about[2, 2]) + weight * distance**2, distance)

@@ -55,6 +55,7 @@ async def test_payload_is_set_by_real_time_motion_before_each_motion(monkeypatch
         ((float('nan'),), 'mass = nan'),
         ((50.0,), 'mass = 50'),
         ((1.0, [0.0, 0.0]), r'center has shape \(2,\): must be \(3,\)'),
+        ((1.0, [0.0, -65.6, 0.0]), 'center is 65.6 m from the flange axis: must be at most 1'),
         ((1.0, [0.0, 0.0, float('inf')]), 'center .* must be finite'),
         ((1.0, [0.0, 0.0, 0.0], [1.0]), r'inertia has shape \(1,\): must be \(6,\)'),
         ((1.0, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, -1.0]), 'must not be negative'),
