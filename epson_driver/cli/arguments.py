@@ -22,6 +22,9 @@ FREE_PORT = Rule(count(0, 65_535).read, 'must be a port from 0 to 65535')
 
 DEFAULT_MODEL = 'c3_a601s'
 
+FOR_FILES = {'--robot': 'robot_model', '--host': 'robot_ip', '--address': 'robot_ip'}
+"""Options that accept a robot's file, and the setting that they take from it."""
+
 
 class Parser(argparse.ArgumentParser):
     """A parser that reports an error in one sentence and suggests the nearest option or choice.
@@ -138,7 +141,7 @@ def argument(rule: Rule, parse: Callable[[str], object] | None = None) -> Callab
 
 
 def host(text: str) -> str:
-    if text.endswith('.yaml'):
+    if text.endswith(('.yaml', '.yml')):
         raise argparse.ArgumentTypeError(
             f'{printable(text)}: must be a file written by `epson_driver connect`'
         )
@@ -154,17 +157,19 @@ def parsed(
 ) -> argparse.Namespace:
     """Parse a command line that may contain a robot's file (robot.yaml) instead of a value.
 
-    After --robot, the file stands for its robot model, and after any other option for its address.
-    A file without an option stands for its setting `positional`, or is an error if `positional` is
-    ''. The other settings of the file replace the parser's defaults. `refused` is the reason why
-    the command accepts no such file, or ''.
+    After --robot, the file stands for its robot model, and after --host or --address for its
+    address. A file without an option stands for its setting `positional`, or is an error if
+    `positional` is ''. The other settings of the file replace the parser's defaults. `refused` is
+    the reason why the command accepts no such file, or ''.
     """
     words = list(sys.argv[1:] if words is None else words)
     end = words.index('--') if '--' in words else len(words)
     for index, word in enumerate(words[:end]):
         option, _, name = word.rpartition('=')
         option = option or (words[index - 1] if index else '')
-        if option == '--file' or not is_robot_file(name):
+        action = parser._option_string_actions.get(option)  # noqa: SLF001 - not public otherwise
+        other = action is not None and action.nargs != 0 and option not in FOR_FILES
+        if other or not is_robot_file(name):
             continue
         if refused:
             parser.error(f'{printable(name)}: {refused}')
@@ -172,13 +177,11 @@ def parsed(
             settings = robot_settings(name)
         except InputError as error:
             parser.error(str(error))
-        key = 'robot_model' if option == '--robot' else positional
-        if option.startswith('--'):
-            key = key or 'robot_ip'
-        elif not key:
+        key = FOR_FILES.get(option, positional)
+        if not key:
             parser.error(
-                f'{printable(name)}: a robot file must follow --robot, --host or --address; only '
-                'client, connect, doctor and first_run take it alone'
+                f'{printable(name)}: a robot file must follow {", ".join(FOR_FILES)}; only '
+                'client, connect, doctor, first_run and panel take it alone'
             )
         words[index] = f'{word[: -len(name)]}{settings.get(key, DEFAULT_MODEL)}'
         defaults = settings | {'robot': settings.get('robot_model')}

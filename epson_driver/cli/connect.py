@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from epson_driver.cli.arguments import Parser, parsed
+from epson_driver.cli.arguments import Parser, parsed, path_with
 from epson_driver.cli.doctor import print_finding
 from epson_driver.cli.robot_arguments import add_robot_arguments, look
 from epson_driver.doctor.findings import Findings
@@ -94,5 +94,5 @@ def _parser() -> argparse.ArgumentParser:
         '2 invalid arguments, 130 Ctrl-C',
     )
     add_robot_arguments(parser, 'address of the controller (default: advice how to find it)')
-    parser.option('--file FILE', 'new file', Path, Path('robot.yaml'))
+    parser.option('--file FILE', 'new file', path_with('.yaml'), Path('robot.yaml'))
     return parser

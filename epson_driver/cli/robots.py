@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from epson_driver.cli.arguments import Parser, parsed
-from epson_driver.inputs import InputError
+from epson_driver.inputs import InputError, number
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.robots.chain import SHOWN_UNITS
@@ -91,11 +91,12 @@ def _parser() -> argparse.ArgumentParser:
         'only models with this word in the name or description (default: all)',
         default='',
     )
+    size = number(0.0, 1e5)
     parser.option(
-        '--payload KG', 'only models with at least this payload, kg (default: all)', float, 0.0
+        '--payload KG', 'only models with at least this payload, kg (default: all)', size, 0.0
     )
     parser.option(
-        '--reach MM', 'only models with at least this reach, mm (default: all)', float, 0.0
+        '--reach MM', 'only models with at least this reach, mm (default: all)', size, 0.0
     )
     parser.option('--plain', 'tabs instead of tables, which is always so in a pipe')
     parser.option(
@@ -108,11 +109,11 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _print(sheets: Iterable[Sheet], console: Console, plain: bool) -> None:
-    for number, sheet in enumerate(sheets):
+    for index, sheet in enumerate(sheets):
         if plain:
             lines = [sheet.head, *sheet.rows]
             title = [f'# {sheet.title}'] if sheet.title else []
-            blank = [''] if number else []
+            blank = [''] if index else []
             print(*blank, *title, *('\t'.join(line) for line in lines), sep='\n', flush=True)
             continue
         table = Table()

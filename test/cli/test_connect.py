@@ -175,6 +175,8 @@ def test_sim_controller_takes_a_robot_file_that_options_override(file, monkeypat
     with pytest.raises(SystemExit, match='2'):
         parsed(_parser(), ['--host', str(file.with_name('other.yaml'))])
     assert 'must be a file written by `epson_driver connect`' in capsys.readouterr().err
+    arguments = parsed(_parser(), ['--profile-from', str(file)])
+    assert (arguments.profile_from, arguments.robot) == (file, None)
 
 
 @pytest.mark.parametrize(
@@ -182,8 +184,8 @@ def test_sim_controller_takes_a_robot_file_that_options_override(file, monkeypat
     [
         ('panel', 'start `epson_driver client` with this file'),
         ('fleet', 'fleet simulates its robots'),
-        ('smooth', 'must follow --robot, --host or --address'),
-        ('report', 'must follow --robot, --host or --address'),
+        ('smooth', 'must follow --robot, --host, --address'),
+        ('report', 'must follow --robot, --host, --address'),
     ],
 )
 def test_command_without_an_address_refuses_the_file_with_the_reason(file, name, text):
