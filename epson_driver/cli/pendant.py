@@ -60,7 +60,8 @@ def main() -> int:
     except hand.RefusedError as error:
         print(f'refused: {error}', file=sys.stderr)
     except TimeoutError:
-        print(f'no answer from {address} in {arguments.timeout:g} s; {remedy}', file=sys.stderr)
+        text = f'no answer from {address} in {arguments.timeout:g} s; end its other clients'
+        print(f'{text}, {remedy}', file=sys.stderr)
     except ConnectionError as error:
         print(f'no controller: {error}; {remedy}', file=sys.stderr)
     else:

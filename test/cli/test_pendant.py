@@ -90,7 +90,7 @@ def test_status_shows_the_condition_of_a_simulated_controller(port):
     for row in (
         'motors=off', 'estop=pressed', 'mode=AUTO', 'joints: 0.00000 0.00000', 'timing: ',
         'state=the E-stop is pressed or not reset; release it, reset',
-        'error=2261 (motion task not running', '1=motion server,Normal,aborted (2261)',
+        'error=2261 (the motion task was stopped', '1=motion server,Normal,aborted (2261)',
     ):  # fmt: skip
         assert row in text
 
