@@ -25,7 +25,7 @@ WORDS = {
     Remedy.RELEASE_ESTOP: 'release it, call reset() (or reset at the controller), then enable()',
     Remedy.RESET: 'call reset(), then enable()',
     Remedy.BOOT: 'switch the controller off and on again, then call enable()',
-    Remedy.CLOSE_SAFEGUARD: 'close it, reset or continue at the controller, then call enable()',
+    Remedy.CLOSE_SAFEGUARD: 'close it, continue at the controller if paused, then call enable()',
     Remedy.START_MAIN: 'start main, or call enable()',
     Remedy.TURN_TO_AUTO: 'turn it to AUTO, then call enable()',
     Remedy.ENABLE: 'call enable()',

@@ -18,7 +18,7 @@ class Remedy(Enum):
     RELEASE_ESTOP = 'release it, reset, then enable the arm'
     RESET = 'reset, then enable the arm'
     BOOT = 'switch the controller off and on again, then enable the arm'
-    CLOSE_SAFEGUARD = 'close it, reset or continue at the controller, then enable the arm'
+    CLOSE_SAFEGUARD = 'close it, continue at the controller if paused, then enable the arm'
     CHOOSE_CONTROL_DEVICE = 'select Remote Ethernet as the control device in RC+'
     START_MAIN = 'start main, or enable the arm'
     RENAME = 'end one, or give each its own name or namespace (after a kill, wait 20 s)'

@@ -30,7 +30,7 @@ from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.link import Link
 from epson_driver.link.link_reports import MAX_SHORT, TURNED_AWAY
 from epson_driver.remote_ethernet.client import RemoteError, RemoteErrorNumber
-from epson_driver.simple_message import Status
+from epson_driver.simple_message import Mode, Status
 
 STATUS_TIMEOUT_S = 1.0  # maximum age: an EPSON controller sends one every 55 ms
 
@@ -59,6 +59,13 @@ class InhibitTable:
     @property
     def _status(self) -> Status:
         return self.robot.status or Status()
+
+    @property
+    def _refusal(self) -> Inhibit | None:
+        """Why the last attempt to enable failed, unless the key switch was the reason."""
+        result = self.gate.refusal
+        turned = self._status.mode == Mode.AUTO
+        return None if result and result.cause is Cause.MANUAL_MODE and turned else result
 
     def _no_streams(self, _now: float) -> Inhibit | None:
         why = self.stopper.delivery.no_streams or self.goals.why_no_stream
@@ -120,7 +127,7 @@ class InhibitTable:
         reason = self.gate.reason
         if reason is None:
             return None
-        return manual_inhibit(self._status) or not_enabled(reason, self.gate.refusal)
+        return manual_inhibit(self._status) or not_enabled(reason, self._refusal)
 
     def _closed(self, now: float) -> Inhibit | None:
         """Return why the arm gate was closed, and what inhibits opening it now."""
@@ -128,7 +135,7 @@ class InhibitTable:
             return None
         reason, result = self.gate.reason, self(Purpose.REPORT, now)
         if result is None or result.cause is Cause.NOT_ENABLED:
-            return not_enabled(reason, self.gate.refusal)
+            return not_enabled(reason, self._refusal)
         if result.reason in reason:
             text = not_enabled(reason.replace(result.reason, result.text)).text
         else:

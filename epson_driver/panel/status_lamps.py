@@ -19,6 +19,7 @@ WORDS = {
     Remedy.CHECK_STATE_SERVER: 'wait, or check the controller',
     Remedy.RELEASE_ESTOP: 'release the E-stop, then Reset error, then Enable',
     Remedy.RESET: 'Reset error, then Enable',
+    Remedy.CLOSE_SAFEGUARD: 'close it, then press Enable',
     Remedy.TURN_TO_AUTO: 'turn it to AUTO, then press Enable',
     Remedy.START_MAIN: 'start main, or press Enable',
     Remedy.ENABLE: 'press Enable',
@@ -26,13 +27,7 @@ WORDS = {
 }
 """Remedy → its text, with the names of the page's buttons."""
 
-NEED_ARMING = (
-    Remedy.RELEASE_ESTOP,
-    Remedy.RESET,
-    Remedy.TURN_TO_AUTO,
-    Remedy.START_MAIN,
-    Remedy.ENABLE,
-)
+NEED_ARMING = WORDS.keys() - {Remedy.CONNECT, Remedy.CHECK_STATE_SERVER, Remedy.CONTINUE}
 CALM = (Cause.MANUAL_MODE, Cause.NOT_ENABLED, Cause.MOTORS_OFF, Cause.PAUSED)
 """Causes that are no fault. For a simulated controller, `_condition` is the source of more precise
 advice."""
@@ -177,7 +172,7 @@ def _ended(condition: Mapping[str, str]) -> Advice | None:
 def _held(condition: Mapping[str, str]) -> Advice | None:
     """Return why a simulated controller's program waits, or None if the program does not wait."""
     if condition.get('door', 'closed') != 'closed':
-        remedy = 'close the door, then Continue at the pendant'
+        remedy = 'close the door, Continue at the pendant, then Enable'
         return Advice('the safeguard door is open', remedy, BAD)
     if condition.get('tasks') == 'paused':
         return Advice('the controller is paused', 'Continue at the pendant', WARN)

@@ -182,8 +182,8 @@ BY_HAND = 'refused: not possible remotely at a real controller: do it there by h
     ('words', 'answers', 'expected'),
     [
         ('status', {'GetStatus': '#GetStatus,0100100110,4031'},  # ten flags, like older firmware
-         'status: motors=\nstate=the safeguard door is open; close it, reset or continue at the '
-         'controller, then enable the arm\nerror=4031 (motion attempted with the motors'),
+         'status: motors=\nstate=the safeguard door is open; close it, continue at the '
+         'controller if paused, then enable the arm\nerror=4031 (motion attempted with'),
         ('status', {'GetStatus': '#GetStatus,00100000001,0000', 'GetMotor,0': '#GetMotor,1,1,1'},
          'status: motors=1\nflags=Auto Ready'),
         ('power high', {'Execute,"Power High"': '#Execute,0'}, 'power high'),

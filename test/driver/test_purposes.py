@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from epson_driver.driver.inhibit import Cause, Purpose, second_driver
+from epson_driver.driver.inhibit import MAIN_ENDED, MANUAL, Cause, Purpose, second_driver
+from epson_driver.driver.remedy import Remedy
 from epson_driver.driver.why_not import InhibitTable
 from epson_driver.error_texts import load_error_texts
 from epson_driver.link import LinkState
@@ -45,8 +46,9 @@ def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> Inh
     def link(name: str, cause: Cause) -> Fake:
         connected = cause not in wrong
         state = LinkState.BACKING_OFF
+        attempts = {'failure': None, 'attempt': 1}
         return Fake(
-            name=name, host='arm', port=1, connected=connected, state=state, flags=(), failure=None
+            name=name, host='arm', port=1, connected=connected, state=state, flags=(), **attempts
         )
 
     status = Status(
@@ -95,6 +97,13 @@ def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> Inh
         active=False, active_user=lambda: 'a stream' if Cause.STREAM in wrong else None
     )
     return result
+
+
+def test_key_turned_to_auto_no_longer_explains_a_refused_enable() -> None:
+    driver = table({Cause.NOT_ENABLED})
+    for refusal, remedy in ((MANUAL, Remedy.ENABLE), (MAIN_ENDED, Remedy.START_MAIN)):
+        driver.gate.refusal = refusal
+        assert driver(Purpose.REPORT, NOW).remedy is remedy
 
 
 def inhibits(purpose: Purpose, **options: bool) -> list[str]:
