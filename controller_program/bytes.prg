@@ -1,26 +1,26 @@
-' Numbers to bytes and back, least significant byte first, without a DLL.
+' Converts numbers to bytes and back, least significant byte first, without a DLL.
 ' Copyright 2026 the epson_driver developers. SPDX-License-Identifier: Apache-2.0
 '
-' SPEL+ cannot look at the bits of a number, so a binary32 is taken apart by arithmetic: multiplying a
-' Double by a power of two is exact, and the one rounding (halves to even) is made here.
-' A byte is an Integer from 0 to 255, as ReadBin and WriteBin have it.
+' SPEL+ has no access to the bits of a Real, so binary32 values are composed and decomposed by arithmetic.
+' Multiplying a Double by a power of two is exact. The only rounding (halves to even) is done here.
+' A byte is an Integer from 0 to 255, as in ReadBin and WriteBin.
 
 #include "globals.inc"
 
-' g_pow2(i) is 2 ** (i - 150): what a binary32 can need
+' g_pow2(i) is 2 ** (i - 150), for all powers of two that binary32 needs
 #define POW2_ONE 150
 #define POW2_LAST 303
-' Places in g_pow2 of 2 ** -126, the smallest normal number, and of 2 ** 128, above the largest
+' Indices in g_pow2 of 2 ** -126 (the smallest normal number) and of 2 ** 128 (above the largest number)
 #define POW2_NORMAL 24
 #define POW2_OVER 278
-' Places of 2 ** -149, the smallest number, and of 2 ** 149
+' Indices of 2 ** -149 (the smallest number) and of 2 ** 149
 #define POW2_SMALLEST 1
 #define POW2_TO_WHOLE 299
 ' 2 ** 23, and 2 ** 24
 #define HIDDEN_BIT 8388608
 #define TWO_HIDDEN_BITS 16777216
 
-' Fills the table: once, before anything else here is called
+' Fills the table. It is called once, before any other function in this file
 Function BytesInit
   Integer i
   g_pow2(POW2_ONE) = 1
@@ -32,9 +32,9 @@ Function BytesInit
   Next i
 Fend
 
-' Writes x as binary32 to b(pos) and the three behind it. False: x is too large, and nothing is written.
-' place(slot): where the power of two was found that is not larger than x; the next number of the same slot
-' usually has the same one. Begin with 150.
+' Writes x as binary32 to the four bytes from b(pos). Returns False, and writes nothing, if x is too large.
+' place(slot) stores the index of the largest power of two up to x, because the next number of the same slot usually
+' has the same one. Initialize it with 150.
 Function PackFloat(x As Double, ByRef b() As Integer, pos As Integer, ByRef place() As Integer, slot As Integer) As Boolean
   Double m
   Integer low_place, high_place, half, sign, field
@@ -91,7 +91,7 @@ Function PackFloat(x As Double, ByRef b() As Integer, pos As Integer, ByRef plac
   PackFloat = True
 Fend
 
-' Reads a binary32 from b(pos) and the three behind it. False: it is infinite or no number, and x is as before.
+' Reads a binary32 from the four bytes from b(pos). Returns False, and keeps x, if it is infinite or NaN.
 Function UnpackFloat(ByRef b() As Integer, pos As Integer, ByRef x As Double) As Boolean
   Integer field
   Long n
@@ -110,7 +110,7 @@ Function UnpackFloat(ByRef b() As Integer, pos As Integer, ByRef x As Double) As
   UnpackFloat = True
 Fend
 
-' Writes a Long to b(pos) and the three behind it.
+' Writes a Long to the four bytes from b(pos).
 Function PackLong(n As Long, ByRef b() As Integer, pos As Integer)
   b(pos) = n And 255
   b(pos + 1) = RShift(n, 8) And 255
@@ -118,7 +118,7 @@ Function PackLong(n As Long, ByRef b() As Integer, pos As Integer)
   b(pos + 3) = RShift(n, 24) And 255
 Fend
 
-' Reads a Long from b(pos) and the three behind it. The sign is in the first step: no step leaves the range of a Long.
+' Reads a Long from the four bytes from b(pos). The first step has the sign, so no step exceeds the range of a Long.
 Function UnpackLong(ByRef b() As Integer, pos As Integer) As Long
   Long n
   n = b(pos + 3)

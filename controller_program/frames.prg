@@ -1,12 +1,12 @@
-' Messages on a port: in without waiting for the rest of one, and the answers that all servers give.
+' Messages on a port: reading without waiting, and replies that are the same for all servers.
 ' Copyright 2026 the epson_driver developers. SPDX-License-Identifier: Apache-2.0
 
 #include "config.inc"
 #include "messages.inc"
 #include "globals.inc"
 
-' Takes what is there of a message. 1: it is complete, b() has it from its type on; set length to 0 for the next.
-' 0: not yet. -1: the client is gone, or must go: its length makes no sense, or the rest takes longer than 1 s.
+' Reads a message. 1: complete, in b() without the length prefix. Set length to 0 before the next message.
+' 0: incomplete. -1: the client has disconnected, its length is invalid, or the message took longer than 1 s.
 Function TakeFrame(port As Integer, timer As Integer, ByRef b() As Integer, ByRef length As Long) As Integer
   Long given
   Integer there
@@ -35,8 +35,8 @@ Function TakeFrame(port As Integer, timer As Integer, ByRef b() As Integer, ByRe
   EndIf
 Fend
 
-' Opens a port again that has had no client for a while: one that came and left before the server looked is, to ChkNet,
-' none at all, and could keep the next one out.
+' Reopens a port that has had no client for a while. A client that has connected and disconnected between two checks is
+' invisible to ChkNet, and could block the next client.
 Function OpenAgain(port As Integer, timer As Integer)
   If Tmr(timer) > NOBODY_FOR And ChkNet(port) < 0 Then
     CloseNet #port
@@ -45,7 +45,7 @@ Function OpenAgain(port As Integer, timer As Integer)
   EndIf
 Fend
 
-' Writes the length and the head of a message to the begin of out().
+' Writes the length prefix and the header of a message.
 Function PutHead(ByRef message() As Integer, length As Long, kind As Long, comm As Integer, code As Integer)
   PackLong length, ByRef message(), 0
   PackLong kind, ByRef message(), 4
@@ -53,7 +53,7 @@ Function PutHead(ByRef message() As Integer, length As Long, kind As Long, comm 
   PackLong code, ByRef message(), 12
 Fend
 
-' Whether the head in b() obeys the rules: type above 0, and a reply code in replies only
+' Returns whether the header in b() is valid: type above 0, and a reply code in replies only
 Function GoodHead(ByRef b() As Integer) As Boolean
   Long comm, code
   comm = UnpackLong(ByRef b(), 4)
@@ -68,7 +68,7 @@ Function GoodHead(ByRef b() As Integer) As Boolean
   EndIf
 Fend
 
-' Answers a message that a server does not know itself: PING, GET_VERSION; FAILURE to other requests.
+' Answers PING and GET_VERSION, and any other request with FAILURE.
 Function AnswerOther(port As Integer, ByRef b() As Integer, length As Long, ByRef message() As Integer)
   Long kind
   Integer i, size

@@ -1,17 +1,17 @@
-' The I/O server: inputs, outputs and memory bits for one client (docs/io.md of epson_driver has the messages).
+' The I/O server: inputs, outputs and memory bits for one client (messages: docs/io.md of epson_driver).
 ' Copyright 2026 the epson_driver developers. SPDX-License-Identifier: Apache-2.0
 
 #include "config.inc"
 #include "messages.inc"
 #include "globals.inc"
 
-' Types of points
+' Types of I/O points
 #define IO_DI 1
 #define IO_DO 2
 #define IO_GI 5
 #define IO_GO 6
 #define IO_FLAG 7
-' Results of an item
+' Results of an item of a request
 #define IO_DONE 1
 #define IO_NO_TYPE 1001
 #define IO_READ_ONLY 1002
@@ -19,21 +19,21 @@
 #define IO_NO_VALUE 2002
 #define IO_NO_RANGE 2003
 #define IO_TOO_MUCH 65001
-' Groups of 16 bits begin at this index
+' Index of the first group of 16 bits
 #define IO_WORDS 1000
-' Ranges, and values in all of them, that a client can subscribe to
+' Maximum number of ranges, and of values in all ranges, to which a client can subscribe
 #define IO_RANGES 8
 #define IO_VALUES 300
 
 Integer m_frame(1023), m_out(1023), m_used
 Long m_length
-' Result of the last item, and its value
+' Result and value of the last item
 Long m_result, m_value
 ' Whether the client has written outputs
 Boolean m_wrote
-' What it has subscribed to: a count of 0 is free
+' Subscribed ranges. A count of 0 marks a free entry
 Long m_kind(7), m_start(7), m_count(7)
-' Bytes of inputs, outputs and memory as they were published, and when
+' Published bytes of inputs, outputs and memory, and time of the publication
 Integer m_bytes(63)
 Double m_published
 
@@ -85,7 +85,7 @@ io_failed:
 io_end:
 Fend
 
-' Appends a number to what is sent
+' Appends a number to the message that is being sent
 Function PutNumber(n As Long)
   PackLong n, ByRef m_out(), m_used
   m_used = m_used + 4
@@ -97,14 +97,14 @@ Function SendRest
   m_used = 0
 Fend
 
-' Begins a message with `size` bytes behind its head
+' Starts a message with `size` bytes after its header
 Function BeginMessage(kind As Long, comm As Integer, size As Long)
   PutHead ByRef m_out(), HEAD_BYTES + size, kind, comm, REPLY_INVALID
   If comm = COMM_SERVICE_REPLY Then m_out(12) = REPLY_SUCCESS
   m_used = 16
 Fend
 
-' The time of the controller in ms; it begins again at 0 after 23 days
+' Returns the controller's time in ms, which wraps to 0 after 23 days
 Function Stamp As Long
   If Tmr(IO_STREAM_TIMER) > 2000000 Then
     TmReset IO_STREAM_TIMER
@@ -169,7 +169,7 @@ Function PutRange(kind As Long, start As Long, many As Long, can As Long)
   PutNumber can
 Fend
 
-' One item after the other; one that is wrong keeps none of the others from being done.
+' Processes the items of a request in order. An invalid item does not prevent the others.
 Function AnswerItems(kind As Long, items As Long, width As Long)
   Integer i, item
   Long sort, index
@@ -207,7 +207,7 @@ Function AnswerItems(kind As Long, items As Long, width As Long)
   SendRest
 Fend
 
-' How many points a type has from 0 on; words: from IO_WORDS on. 0: there is no such type.
+' Returns the number of points of a type (words: of its groups of 16 bits), or 0 for an unknown type.
 Function PointCount(sort As Long, words As Boolean) As Integer
   PointCount = 0
   Select sort
@@ -226,7 +226,7 @@ Function PointCount(sort As Long, words As Boolean) As Integer
   Send
 Fend
 
-' IO_DONE if there are `many` points from `index` on, and which word it is else an error
+' Returns IO_DONE if the points from `index` to `index` + `many` - 1 exist, else the error
 Function Look(sort As Long, index As Long, many As Long) As Long
   Long first
   first = 0
@@ -301,7 +301,7 @@ Function WritePoint(sort As Long, index As Long, value As Long)
   EndIf
 Fend
 
-' Whether an output is, or has, one that RC+ may use as a remote output
+' Returns whether RC+ may use an output, or a bit of an output group, as a remote output
 Function Remote(sort As Long, index As Long) As Boolean
   Long byte_index
   byte_index = IO_FIRST_OUTPUT_BYTE
@@ -340,7 +340,7 @@ Function ResetAll(sort As Long)
   EndIf
 Fend
 
-' A range that begins where another one does replaces it.
+' Subscribes to a range. It replaces a range with the same start.
 Function Subscribe(sort As Long, start As Long, many As Long)
   Integer i, place
   Long total
@@ -365,7 +365,7 @@ Function Subscribe(sort As Long, start As Long, many As Long)
   m_kind(place) = sort
   m_start(place) = start
   m_count(place) = many
-  ' with the next look
+  ' publish at the next call of Publish
   m_published = -10
 Fend
 
@@ -380,7 +380,7 @@ Function Unsubscribe(sort As Long, start As Long)
   Next i
 Fend
 
-' Sends all ranges: after a change, and from time to time without one
+' Publishes all ranges after a change, and every IO_PERIOD without a change
 Function Publish
   Integer i
   Long ranges, size, item
@@ -414,7 +414,7 @@ Function Publish
   SendRest
 Fend
 
-' Whether a bit is other than at the last look
+' Returns whether a bit has changed since the last call
 Function Changed As Boolean
   Integer i, value
   Changed = False

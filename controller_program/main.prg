@@ -1,17 +1,17 @@
-' main moves the arm, and nothing else does. BgMain starts the servers.
+' main moves the arm. No other task moves it. BgMain starts the servers.
 ' Copyright 2026 the epson_driver developers. SPDX-License-Identifier: Apache-2.0
 
 #include "config.inc"
 #include "messages.inc"
 #include "globals.inc"
 
-' What was seen last of g_lost
+' Previous value of g_lost
 Integer m_lost
-' Whether the motors were off since main ended
+' Whether the motors have been off since main ended
 Boolean m_motors_off
 
 #ifndef NO_BACKGROUND
-' Starts with the controller, as a background task
+' The background task that starts with the controller
 Function BgMain
   OnErr GoTo background_error
   SetUp
@@ -57,14 +57,14 @@ Function main
   Wait g_ready <> 0, 5
   If TW <> 0 Then Error NOT_READY
 #ifndef FULL_POWER
-  Print "Low power, slower than asked for: FULL_POWER is off in config.inc"
+  Print "Low power, slower than planned: FULL_POWER is off in config.inc"
 #endif
   m_lost = g_lost
   g_main_error = 0
   before = g_epoch
   g_starts = Following(g_starts)
   Do
-    ' MotionServer sees that main was started, or has failed, and drops all points
+    ' MotionServer detects that main has started or failed, and then drops all points
     Wait g_epoch <> before
     MoveAll
     before = g_epoch
@@ -73,7 +73,7 @@ Function main
   Loop
 Fend
 
-' Goes from point to point until something fails
+' Moves from point to point until an error occurs
 Function MoveAll
   OnErr GoTo move_failed
   Till MemSw(STOP_BIT) = On
@@ -93,9 +93,9 @@ move_failed:
 move_end:
 Fend
 
-' Waits until the arm stands, drops all points, and says so to MotionServer.
-' MotionServer sets the bit, then counts; here the bit is cleared, then the count read. Whatever comes between,
-' either the count read is the new one, or it differs from g_seen at the next look. No point is there meanwhile.
+' Waits until the arm is at rest, drops all points, and confirms this to MotionServer (g_seen).
+' MotionServer sets the bit before it increments g_epoch. This function clears the bit before it reads g_epoch. An
+' increment in between is therefore either read here, or detected by the next comparison with g_seen.
 Function Settle
   Integer seen
   MemOff STOP_BIT
@@ -111,7 +111,7 @@ Function Settle
   g_seen = seen
 Fend
 
-' An arm that stands waits for a few points, so that it does not come to rest at the first one.
+' Waits for START_POINTS points before an arm at rest moves, so that it does not stop at the first point.
 Function StartWait
   Integer seen
 #ifdef FULL_POWER
@@ -128,7 +128,7 @@ Function StartWait
   Loop
 Fend
 
-' Goes to points as long as there are any
+' Moves to the points in the ring until it is empty
 Function MoveChain
   Do While g_head <> g_tail And g_epoch = g_seen
     If g_dwell(g_tail) > 0 Then
@@ -137,7 +137,7 @@ Function MoveChain
     Else
       Speed g_speed(g_tail)
       Accel g_accel(g_tail), g_accel(g_tail)
-      ' If no other point is there when it decelerates, the arm comes to rest at this one
+      ' The arm comes to rest at this point, unless the next one arrives before the deceleration
 #ifdef SCARA
       Go AglToPls(g_q(6 * g_tail), g_q(6 * g_tail + 1), g_q(6 * g_tail + 2), g_q(6 * g_tail + 3)) CP Till
 #else

@@ -1,47 +1,47 @@
-' The motion server: takes points, checks them, works out Speed and Accel, and puts them where main gets them.
-' It moves nothing itself.
+' The motion server: receives points, checks them, computes Speed and Accel, and stores the points for main.
+' It does not move the arm.
 ' Copyright 2026 the epson_driver developers. SPDX-License-Identifier: Apache-2.0
 
 #include "config.inc"
 #include "messages.inc"
 #include "globals.inc"
 
-' The last place before the ring would be full
+' Maximum number of points in the ring
 #define RING_FULL 250
-' What a limit that was rounded to binary32 may be beyond it, degrees or mm
+' Tolerance for limits that a client has rounded to binary32, degrees or mm
 #define ROUNDED 0.001
 
-' What the client sends, and what it gets
+' The received message, and the reply
 Integer m_frame(1023), m_out(63)
 Long m_length
-' Whether there is a client
+' Whether a client is connected
 Boolean m_client
-' Whether it sends heartbeats, and whether it has hung since its last STOP
+' Whether the client sends heartbeats, and whether it has been silent for too long since its last STOP
 Boolean m_beats, m_hung
 
-' Points in the ring from g_head up to m_in are received but not yet main's; those up to m_ready may become it.
+' Points in the ring from g_head up to m_in are received, but not passed to main. Points up to m_ready may be passed.
 Integer m_in, m_ready
-' For each point: its sequence, whether that is still to be answered, velocity (0 to 1) and duration (s)
+' For each point: its sequence, whether it has not been answered yet, velocity (0 to 1) and duration (s)
 Long m_sequence(255)
 Integer m_owed(255)
 Double m_velocity(255), m_duration(255)
 
-' The sequence that the next point must have besides 0; -1: none
+' Allowed sequence of the next point, in addition to 0 (-1: only 0)
 Long m_expected
-' 0: streaming. 1: a download is under way. 2: its rest is refused.
+' 0: streaming. 1: a download is being received. 2: the remaining points of a download are refused.
 Integer m_loading
-' Whether the client downloads by topics, which are not answered
+' Whether the client downloads with topics, which are not answered
 Boolean m_topics
-' Points of the download so far
+' Number of received points of the download
 Integer m_loaded
 
-' Where the last point leads, once there is one
+' The joint angles of the last point, if known, and of the received point
 Boolean m_known
 Double m_last(5), m_target(5)
-' How much later than asked for the arm will be there, by the rounding of Speed: seconds
+' Delay of the arm behind the plan caused by the rounding of Speed, seconds
 Double m_late
 
-' What was seen last of g_starts and g_faults, and whether there was a reason against motion
+' Previous values of g_starts and g_faults, and previous result of Blocked
 Integer m_starts, m_faults, m_blocked
 
 ' A background task that never ends
@@ -95,7 +95,7 @@ motion_failed:
 motion_end:
 Fend
 
-' Drops all points when main was started, when it has failed, and when nothing may move.
+' Drops all points when main has started or failed, and when motion is no longer allowed.
 Function Watch
   Integer why
   why = Blocked
@@ -109,8 +109,8 @@ Function Watch
   m_blocked = why
 Fend
 
-' Drops all points of a client that hangs. A PING that failed tells it when it is back; its points are refused until
-' it sends a STOP. Points that were dropped stay in the ring until main has seen it: they are nobody's.
+' Drops all points of a client that is silent for too long. A failed PING informs the client. Its points are refused
+' until it sends a STOP. Points that were dropped stay in the ring until main confirms this, and are then ignored.
 Function WatchClient
   If m_beats And Not m_hung And g_tail <> m_in And g_seen = g_epoch Then
     If Tmr(CLIENT_TIMER) > CLIENT_TIMEOUT Then
@@ -123,8 +123,8 @@ Function WatchClient
   EndIf
 Fend
 
-' Stops the arm and drops all points: those that are not answered yet get FAILURE. The next one must have sequence 0.
-' The bit comes before the count: see main.prg
+' Stops the arm, drops all points, and answers pending points with FAILURE. The next point must have sequence 0.
+' The bit is set before g_epoch is incremented: see Settle in main.prg
 Function DropPoints
   Integer i
   MemOn STOP_BIT
@@ -165,7 +165,7 @@ Function TakeMessage
   EndIf
 Fend
 
-' Ends the motion, and answers with FAILURE.
+' Ends the motion, and answers a point with FAILURE.
 Function Refuse(sequence As Long, number As Integer, answered As Boolean)
   g_point_error = number
   DropPoints
@@ -200,7 +200,7 @@ Function TakePoint
   EndIf
 Fend
 
-' Refuses a point; of a download, its rest too.
+' Refuses a point. If it belongs to a download, its remaining points are refused, too.
 Function RefuseOf(sequence As Long, number As Integer, asked As Boolean) As Integer
   Integer loading
   loading = m_loading
@@ -209,7 +209,7 @@ Function RefuseOf(sequence As Long, number As Integer, asked As Boolean) As Inte
   RefuseOf = number
 Fend
 
-' 0, or the error number. Begins downloads.
+' Checks the sequence of a point, and starts downloads. Returns 0 or an error number.
 Function CheckSequence(sequence As Long, asked As Boolean) As Integer
   CheckSequence = CORRUPT_MSG
   If sequence = SEQ_START_DOWNLOAD Then
@@ -231,7 +231,7 @@ Function CheckSequence(sequence As Long, asked As Boolean) As Integer
   EndIf
 Fend
 
-' 0, or the error number; m_target() has the angles in degrees. Joints that the robot lacks count too.
+' Checks the numbers of a point, also of unused joints, and sets m_target() in degrees. Returns 0 or an error number.
 Function CheckNumbers As Integer
   Integer j
   Double x
@@ -256,7 +256,7 @@ Function CheckNumbers As Integer
   CheckNumbers = 0
 Fend
 
-' Puts a point that is right into the ring.
+' Adds a valid point to the ring.
 Function AddPoint(sequence As Long, asked As Boolean)
   Integer j
   For j = 0 To 5
@@ -282,8 +282,8 @@ Function AddPoint(sequence As Long, asked As Boolean)
   EndIf
 Fend
 
-' Makes points main's, as far as it may look ahead, and answers them: that is what holds a fast client back.
-' After a DropPoints, only when main has seen it: the arm stands, and the way to the first point is known.
+' Passes up to LOOK_AHEAD points to main and answers them. A fast client waits for these answers.
+' After DropPoints, it waits until main confirms that the arm is at rest. The distance to the next point is then known.
 Function Plan
   Do While g_head <> m_ready And g_seen = g_epoch And ((g_head - g_tail) And 255) < LOOK_AHEAD
     PlanPoint g_head
@@ -297,7 +297,7 @@ Function Plan
   Loop
 Fend
 
-' Speed and Accel of the point at place n: whole percents; what rounding takes away the next point gets.
+' Computes Speed and Accel of point n as whole percents. The next point compensates the delay caused by rounding.
 Function PlanPoint(n As Integer)
   Integer j, most
   Double way, share, seconds, percent
@@ -310,7 +310,7 @@ Function PlanPoint(n As Integer)
     m_late = 0
   EndIf
   m_known = True
-  ' way: seconds at full speed
+  ' way: duration of the motion at full speed, seconds
   way = 0
   For j = 0 To JOINT_COUNT - 1
     share = Abs(g_q(6 * n + j) - m_last(j)) / g_most(j)
@@ -319,7 +319,7 @@ Function PlanPoint(n As Integer)
   Next j
   most = MOST_SPEED
   If m_velocity(n) > 0 And m_velocity(n) < 1 Then most = Int(m_velocity(n) * MOST_SPEED)
-  ' one percent less would make each point of a stream late
+  ' round up, because a lower percentage would delay every point of a stream
   If most < MOST_SPEED And m_duration(n) > 0 Then most = Int(m_velocity(n) * MOST_SPEED + 0.999)
   If most < 1 Then most = 1
   g_dwell(n) = 0
@@ -329,7 +329,7 @@ Function PlanPoint(n As Integer)
   ElseIf m_duration(n) > 0 Then
     seconds = m_duration(n) - OVERHEAD_MS / 1000
     If seconds < m_duration(n) / 2 Then seconds = m_duration(n) / 2
-    ' at most the percent above what was asked for, however late it is
+    ' even if the arm is late, at most the requested speed rounded up to a whole percent
     percent = Int(way / seconds * 100) + 1
     If way < (seconds - m_late) * percent / 100 Then percent = Int(way / (seconds - m_late) * 100)
     If percent > most Then percent = most
@@ -339,7 +339,7 @@ Function PlanPoint(n As Integer)
     If m_late < -0.5 Then m_late = -0.5
   EndIf
   g_speed(n) = Int(percent)
-  ' the accelerations take BLEND_MS, or the whole way if it is shorter
+  ' an acceleration takes BLEND_MS, or the whole segment if that is shorter
   seconds = way / percent * 100000
   If seconds > BLEND_MS Then seconds = BLEND_MS
   seconds = seconds - RAMP_MS

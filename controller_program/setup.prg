@@ -1,11 +1,11 @@
-' Tables that are filled once, and what the servers and main both ask.
+' Tables that are filled once, and functions that both the servers and main use.
 ' Copyright 2026 the epson_driver developers. SPDX-License-Identifier: Apache-2.0
 
 #include "config.inc"
 #include "messages.inc"
 #include "globals.inc"
 
-' Fills the tables: once, before anything else runs
+' Fills the tables. It is called once, before any other function
 Function SetUp
   Integer j
   BytesInit
@@ -25,8 +25,8 @@ Function SetUp
   g_ready = 1
 Fend
 
-' Degrees for a pulse, from two angles of each joint: first 30 degrees to each side, then nearly all that it can turn,
-' as whole pulses are the more exact the further apart they are. Nothing moves.
+' Computes degrees per pulse from two angles of each joint, without a motion: first from 30 degrees to each side, then
+' from 90 % of its range, because the rounding to whole pulses matters less over a longer distance.
 Function Calibrate
   Integer j
   Double one, two
@@ -51,7 +51,7 @@ Function Calibrate
   Next j
 Fend
 
-' Joint 5 stands at 30 degrees meanwhile: at 0 the controller may turn joint 6 instead of joint 4.
+' Joint 5 is at 30 degrees in both poses. At 0 the controller could use joint 6 instead of joint 4.
 Function Measure(j As Integer, one As Double, two As Double)
   Integer i
   Double a(5)
@@ -72,11 +72,11 @@ Function Measure(j As Integer, one As Double, two As Double)
 #endif
   g_per_pulse(j) = (two - one) / (at_two - at_one)
   g_zero(j) = at_one - one / g_per_pulse(j)
-  ' zero is at a whole pulse
+  ' the zero position is a whole pulse
   g_zero(j) = Int(g_zero(j) + 0.5)
 Fend
 
-' Limits in degrees, some pulses within those of the controller
+' Reads the joint limits, in degrees, and reduces them by three pulses at each end
 Function ReadLimits
   Integer j
   Double one, two, margin
@@ -94,12 +94,12 @@ Function ReadLimits
   Next j
 Fend
 
-' The number after n, on a ring of 256
+' Returns the number after n in a ring of 256
 Function Following(n As Integer) As Integer
   Following = (n + 1) And 255
 Fend
 
-' Why no point can be taken now: 0, or the error number
+' Returns the error number of the reason why points are refused now, or 0
 Function Blocked As Integer
   Integer state
   Blocked = 0

@@ -1,18 +1,18 @@
-' The state server: joint positions and the status, to one client.
+' The state server: sends joint positions and the status to one client.
 ' Copyright 2026 the epson_driver developers. SPDX-License-Identifier: Apache-2.0
 
 #include "config.inc"
 #include "messages.inc"
 #include "globals.inc"
 
-' The two messages, and what the client sends
+' The two messages, the received message, and the reply
 Integer m_position(59), m_status(43), m_frame(1023), m_answer(63)
 Long m_length
-' For each joint, where PackFloat found the power of two last: see bytes.prg
+' For each joint, the index of the power of two that PackFloat last used: see bytes.prg
 Integer m_place(5)
-' When the next message is due, by the timer
+' Time at which the next message is due, on STATE_TIMER
 Double m_due
-' Whether the arm moves, in the last status
+' in_motion of the last status
 Long m_moving
 
 ' A background task that never ends
@@ -51,7 +51,7 @@ Function StateService
   m_moving = STATE_UNKNOWN
   i = 0
   Do
-    ' The client learns at once that the arm has stopped, else after ten positions
+    ' A status is sent after ten positions, or as soon as the arm has stopped
     i = i + 1
     If i = 11 Or (m_moving = STATE_TRUE And Moving = STATE_FALSE) Then
       SendStatus
@@ -63,8 +63,8 @@ Function StateService
   Loop
 Fend
 
-' Answers what the client has sent, and waits until the next message is due. False: the client must go.
-' A Wait may take longer than it is told: the next ones are shorter for it, so that the rate is kept.
+' Answers a received message, and waits until the next message is due. Returns False to disconnect the client.
+' A Wait may take longer than requested. The following ones are then shorter, so that the average period is correct.
 Function NextSlot As Boolean
   Integer taken
   Double until_due
@@ -99,7 +99,7 @@ Function Moving As Long
   bits = RobotInfo(0)
   Moving = STATE_FALSE
   If (bits And &H200) <> 0 And (bits And &H400) = 0 Then Moving = STATE_TRUE
-  ' Between two points the arm may stand: main has not begun the next one yet
+  ' The arm may be at rest between two points, before main starts the next motion
   If g_head <> g_tail Then
     If Blocked = 0 And PauseOn = 0 And SafetyOn = 0 Then Moving = STATE_TRUE
   EndIf

@@ -263,7 +263,7 @@ def test_power_is_high_only_in_motion_with_full_power() -> None:
     moving(low)
     assert not low.robot.power
     assert low.robot.printed == [
-        'Low power, slower than asked for: FULL_POWER is off in config.inc\n'
+        'Low power, slower than planned: FULL_POWER is off in config.inc\n'
     ]
 
 

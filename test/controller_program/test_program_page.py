@@ -64,7 +64,7 @@ def test_page_has_every_name_of_config() -> None:
 def test_page_has_every_error_number_of_the_program() -> None:
     numbers = re.findall(r'nError=(\d+)', FILES['UserErrors.dat'])
     numbers += re.findall(
-        r'(?m)^#define \w+ (\d{4})$', FILES['messages.inc'].split('STATUS besides')[1]
+        r'(?m)^#define \w+ (\d{4})$', FILES['messages.inc'].split('numbers in STATUS')[1]
     )
     for number in numbers:
         assert f'| {number} |' in PAGE, number

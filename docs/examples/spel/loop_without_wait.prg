@@ -1,4 +1,4 @@
-' Does error 2556 come in a loop that only asks a port?
+' Does error 2556 occur in a loop that only queries a port?
 Function main
   Integer n
   SetNet #201, "192.168.0.2", 11002, CRLF, NONE, 0

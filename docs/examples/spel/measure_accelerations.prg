@@ -1,4 +1,4 @@
-' Measures T100_MS and RAMP_MS: goes to one place at low power, and only computes times from there.
+' Measures T100_MS and RAMP_MS. Moves to one position at low power, and only computes times from there.
 #define J1_SPEED 450
 Function main
   Double quick, slow, way

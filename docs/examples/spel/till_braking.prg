@@ -1,4 +1,4 @@
-' How often is Till looked at, and how does it brake? The second number: degrees after the bit was set.
+' How often is Till evaluated, and how does it brake? The second number: degrees after the bit was set.
 Function main
   Xqt 2, setter, NoEmgAbort
   Motor On

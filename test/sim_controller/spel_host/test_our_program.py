@@ -171,7 +171,7 @@ def test_shipped_program_moves_at_low_power_and_logs_it(caplog):
     assert harness.controller.clock.now - start > 2.0
     velocity, _ = harness.within_limits()
     assert velocity <= 0.0501
-    assert harness.printed == ['Low power, slower than asked for: FULL_POWER is off in config.inc']
+    assert harness.printed == ['Low power, slower than planned: FULL_POWER is off in config.inc']
 
 
 def test_config_gets_the_speeds_of_the_robot():
