@@ -187,6 +187,7 @@ BY_HAND = 'refused: not possible remotely at a real controller: do it there by h
         ('status', {'GetStatus': '#GetStatus,00100000001,0000', 'GetMotor,0': '#GetMotor,1,1,1'},
          'status: motors=1\nflags=Auto Ready'),
         ('power high', {'Execute,"Power High"': '#Execute,0'}, 'power high'),
+        ('power low', {'Execute,"Power Low"': '#Execute,0'}, 'low power forced'),
         ('io DI 3', {'GetIO,3': '#GetIO,1'}, 'io DI 3: 1'),
         ('io DO 3', {'Execute,"Print Oport(3)"': '#Execute,"0"'}, 'io DO 3: "0"'),
         ('io DO 3 on', {'SetIO,3,1': '#SetIO,0'}, 'DO 3: on'),

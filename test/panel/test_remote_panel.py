@@ -93,7 +93,7 @@ def test_unsupported_actions_are_disabled_with_the_reason(page: Page) -> None:
     page.wait_for_text_of('#no-streams', 'the arm follows no streams')
     page.page.locator('summary', has_text='Simulated pendant').click()
     assert page.page.locator('[data-press="Motors on"]').is_disabled()
-    page.wait_for_text_of('#no-login', 'one Remote Ethernet client')
+    page.wait_for_text_of('#no-login', 'needs a Remote Ethernet login')
     shot(page, 'disabled')
 
 
