@@ -58,7 +58,7 @@ class SenderClock:
     A late message was either delayed on the network, or sent late because the sender paused. The
     following messages show which of the two happened: after a network delay they arrive in a
     burst, and after a pause they arrive one period apart. Until this is known, `gap` is the time
-    on the sender's clock at which the late message was sent if the sender did not pause.
+    on the sender's clock at which the late message was sent, assuming no pause.
     """
 
     def __init__(self, period: float) -> None:

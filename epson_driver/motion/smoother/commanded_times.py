@@ -36,9 +36,9 @@ LATE_END_SHARE = 0.02
 """Tolerated delay at the end, as a fraction of the remaining time."""
 
 LATER_SHARE, LATER_AT_REST_SHARE = 0.3, 0.5
-"""Estimated delays of a plan relative to the speed profile, which ignores the jerk limits. The
-first results from a start from rest, the second from the end at rest. Their unit is the ratio of
-the acceleration limit to the jerk limit."""
+"""Delays of a plan relative to its speed profile, which ignores the jerk limits: after a start
+from rest, and before the end at rest. The unit is the ratio of the acceleration limit to the jerk
+limit."""
 
 FULL_CATCH_UP_DELAY_S, MAX_DELAY_RATIO = 0.05, 2.4
 """The ratio of the speed to the commanded speed is at most 1 + min(delay / FULL_CATCH_UP_DELAY_S,

@@ -184,9 +184,9 @@ def _allowed_ramp(problem: Problem, ramp: Ramp, end: float, inward: float) -> Ra
 def _spline(
     problem: Problem, profile: SpeedProfile, start_ramp: Ramp, end_ramp: Ramp
 ) -> SpeedSpline | None:
-    """Return a spline slightly slower than a profile, or None if nodes would coincide.
+    """Return a spline slightly slower than a profile.
 
-    The result is also None if the second coefficient is not positive.
+    The result is None if nodes would coincide, or if the second coefficient is not positive.
     """
     us = profile.positions
     start, end = problem.start[0] + start_ramp.length, problem.end - end_ramp.length
