@@ -264,13 +264,15 @@ def command(*arguments: str) -> 'subprocess.Popen[str]':
 
 @pytest.mark.slow
 def test_simulated_panel_works_in_a_browser_without_ros() -> None:
-    process = command('--simulated', '--robot=c4_a601s')
+    process = command('--simulated', '--robot=t6_602s')
     try:
         assert process.stdout is not None
         address = process.stdout.readline().split()[1]
         with chromium() as browser:
             page = Page(browser, address)
             page.lamp('Door', 'good')
+            page.page.locator('.joint').nth(3).wait_for()
+            assert page.page.locator('.joint.near').count() == 0  # joint 3 is at home, an end
             page.armed()
             page.button('Enable').click()
             page.lamp('Enabled', 'good')
