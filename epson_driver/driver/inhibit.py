@@ -148,7 +148,7 @@ def status_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
     error = '' if number == NO_ERROR else f', error {errors.phrase(number)}'
     if status.e_stopped == TriState.TRUE:
         text = f'the E-stop is pressed or not reset{error}'
-        past = f'the E-stop was pressed{error}'
+        past = f'the E-stop was pressed{error.partition(" (")[0]}'  # shown in brackets itself
         return Inhibit(Cause.ESTOP, Remedy.RELEASE_ESTOP, text, past=past)
     if status.in_error == TriState.TRUE:
         return controller_error(status, errors)

@@ -317,7 +317,7 @@ async def test_estop_ends_the_motion_and_only_enable_permits_the_next():
         with pytest.raises(aio.ArgumentError, match='enable'):
             await robot.reset(enable='yes')
         assert pressed == [True, False]
-        assert 'not enabled (the E-stop was pressed, error 2261' in robot.status.text
+        assert 'not enabled (the E-stop was pressed, error 2261)' in robot.status.text
         assert 'not enabled' in str(await motion_error(robot.move_joints(HOME)))
         assert await robot.reset(enable=True) == 'the arm is enabled'
         await robot.move_joints(HOME)
