@@ -109,7 +109,7 @@ class Robot(Synchronous[aio.Robot]):
 
         The arm stays disabled, unless the Robot was created with `enable=True`. Then `connect`
         also enables the arm, and closes the connection if that fails. Raises RobotError if the
-        robot is not ready within `timeout` s. Its text lists the missing parts.
+        robot is not ready within `timeout` s. The error's text lists what is missing.
         """
         self._session.open(partial(self._awaited.connect, timeout))
         return self

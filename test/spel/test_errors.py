@@ -188,7 +188,7 @@ def test_error_in_a_trap_condition_reports_its_line() -> None:
         ('i = TaskInfo(9, 3)', ErrorNumber.NO_SUCH_TASK, 4, 'TaskInfo: task 9 does not exist'),
         ('i = TaskInfo(1, 5)', ErrorNumber.ARGUMENT, 4, 'TaskInfo: 5 is not in 0..4'),
         ('i = 1e308 * 10', ErrorNumber.OVERFLOW, 4, 'inf does not fit Long'),
-        ('Pallet 1, JA(1, 2), JA(3, 4), JA(5, 6), 2, 2', ErrorNumber.ARGUMENT, 4, 'in space'),
+        ('Pallet 1, JA(1, 2), JA(3, 4), JA(5, 6), 2, 2', ErrorNumber.ARGUMENT, 4, 'X, Y and Z'),
         ('P1 = JA(1, 2, 3, 4, 5, 6) +X(1)', ErrorNumber.ARGUMENT, 4, 'no coordinate X'),
         ('Error 2, 8001', ErrorNumber.NO_SUCH_TASK, 4, 'task 2 does not exist'),
         ('Error 1, 0', ErrorNumber.ARGUMENT, 4, 'Error: 0 is not in 1..9999'),
