@@ -56,7 +56,7 @@ def load_error_texts(name: str = 'epson') -> ErrorTexts:
     known = {path.stem: path for path in share_path('config', 'errors').glob('*.yaml')}
     if name not in known:
         names = near_names(name, [*sorted(known), NO_TEXTS])
-        raise InputError(f'no error texts {printable(name)}: must be {", ".join(names)}')
+        raise InputError(f'no error texts are named {printable(name)}: must be {", ".join(names)}')
     return read_error_texts(known[name])
 
 

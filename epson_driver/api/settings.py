@@ -78,7 +78,7 @@ _GRIPPER = is_a(GripperWiring, 'must be GripperWiring(...)')
 
 
 def checked_argument(name: str, value: object) -> str:
-    """Return the ROS parameter of the argument `name` of a Robot, and check `value`."""
+    """Check the value of a Robot's argument, and return the name of its ROS parameter."""
     row = ROWS[ARGUMENTS.get(name, name)]
     row.allowed.argument(value, name)
     return row.name

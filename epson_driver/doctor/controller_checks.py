@@ -197,7 +197,7 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
     began = loop.time()
     if await state.ended_within(AT_ONCE_S) and not received.first_bytes:
         text = (
-            f'{received.ended} immediately: another client is connected, or its program has ended'
+            f'{received.ended} immediately: another client is connected, or the program has ended'
         )
         remedy = 'stop the other client, such as the driver, or restart the program'
         findings.wrong('state port', text, remedy)

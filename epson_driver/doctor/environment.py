@@ -210,7 +210,8 @@ def _check_shared_memory(findings: Findings) -> None:
         with contextlib.suppress(OSError):  # its process has ended
             users.add(path.stat().st_uid)
     if users := users - {os.geteuid()}:
-        text = f'user {", ".join(map(str, users))} uses it too: messages between users are lost'
+        others = ', '.join(map(str, users))
+        text = f'user {others} uses shared memory, too: messages between users are lost'
         findings.note(about, text, f'run programs as one user, or {remedy}')
     settings = ''
     for path in (LOGIND, *LOGIND.parent.glob('logind.conf.d/*.conf')):

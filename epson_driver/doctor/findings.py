@@ -33,7 +33,7 @@ class Findings:
 
     * report: called with each finding.
     * busy: called with a description of the current step.
-    * doubt: why the arm cannot move yet, or why it is unknown whether it could, or ''.
+    * doubt: reason why the arm cannot move yet, or may be unable to move. '' if there is none.
     """
 
     def __init__(

@@ -1,6 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Measures properties of a controller from its state messages, by the keys of a profile."""
+"""Measures properties of a controller from its state messages.
+
+The properties have the names of the keys of a controller profile.
+"""
 
 import itertools
 import statistics

@@ -210,5 +210,6 @@ def refusal_inhibit(
 def device_inhibit(device: int | None) -> Inhibit | None:
     if device is None or device == REMOTE_ETHERNET:
         return None
-    text = f'the control device is {CONTROL_DEVICES[device]}: only it controls motors and main'
+    name = CONTROL_DEVICES[device]
+    text = f'the control device is {name}: only this device controls the motors and main'
     return Inhibit(Cause.CONTROL_DEVICE, Remedy.CHOOSE_CONTROL_DEVICE, text)

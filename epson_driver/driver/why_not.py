@@ -130,7 +130,7 @@ class InhibitTable:
         return manual_inhibit(self._status) or not_enabled(reason, self._refusal)
 
     def _closed(self, now: float) -> Inhibit | None:
-        """Return why the arm gate was closed, and what inhibits opening it now."""
+        """Return why the arm was disabled, with what prevents enabling it now. None if enabled."""
         if self.gate.reason is None:
             return None
         reason, result = self.gate.reason, self(Purpose.REPORT, now)

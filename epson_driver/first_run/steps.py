@@ -565,10 +565,11 @@ async def _cable(run: FirstRun) -> StepResult:
 
 
 QUESTIONS: Mapping[str, str] = {
-    'background_ready.prg': 'does a background task leave Ready on?',
+    'background_ready.prg': 'does the output Ready stay on with a background task?',
     'till_and_cp.prg': 'does Till keep the blend of CP?',
     'till_holds_already.prg': 'does a Go whose Till condition holds already move at all?',
-    'statement_times.prg': 'how long do a statement, Wait 0.001, and Speed with Accel take?',
+    'statement_times.prg': 'how long does a statement take, how long Wait 0.001, and how long '
+    'Speed with Accel?',
     'server_ports.prg': 'what does the host of SetNet mean, what does a second client get, and '
     'what does ChkNet show of FIN and of a reset?',
     'reported_joints.prg': 'do Agl and RealPls lag?',

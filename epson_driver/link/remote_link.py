@@ -219,7 +219,10 @@ class RemoteLink(Link):
 
     @asynccontextmanager
     async def session(self, timeout: float) -> AsyncIterator[Ask]:
-        """Yield `ask`. Raises TimeoutError if the `with` block takes longer than `timeout` s."""
+        """Yield a function that sends a command and returns the answer, for several commands.
+
+        Raises TimeoutError if the `with` block takes longer than `timeout` s.
+        """
         self._check_login()
         async with asyncio.timeout(timeout):
             yield self.ask

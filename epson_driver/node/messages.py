@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Converts the driver's values to ROS messages, and its remedies to advice for ROS users."""
+"""Converts the driver's values to ROS messages, and the driver's remedies to advice."""
 
 from collections.abc import Sequence
 

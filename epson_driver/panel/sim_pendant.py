@@ -33,9 +33,7 @@ ANSWER_TIMEOUT_S = 3.0  # timeout of an answer, s
 SESSION_S = 3000.0  # duration of a connection, s. The panel then connects again
 RETRY_PERIOD_S = 1.0  # delay before the next attempt to connect, s
 
-ONE_CLIENT = (
-    'this action needs a Remote Ethernet login, and the controller has its only client, the driver'
-)
+ONE_CLIENT = 'this action needs a Remote Ethernet login, and the driver has the only one'
 
 
 def needs_login(action: Action) -> bool:

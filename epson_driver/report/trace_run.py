@@ -65,7 +65,7 @@ from epson_driver.trace.recording import DamagedError, read_recording
 SILENCE_S = 0.3  # maximum interval between joint states on a connected port, s
 
 LINK_LOST = (
-    'check cable, network and controller. The driver reconnects automatically, then ~/enable'
+    'check cable, network and controller. The driver reconnects automatically. Then call ~/enable'
 )
 NO_FRAME = 'check the port for other users, and the network for devices that alter data'
 IMPLAUSIBLE = (

@@ -39,8 +39,9 @@ class Ring(Protocol):
     def replace(self, first: int, targets: Array, planned: int) -> bool:
         """Replace the targets from index `first` on. `targets`: shape (m, n), rad or m.
 
-        The targets after the first `planned` ones brake to rest. Return False, and change nothing,
-        if the target `first`, or a braking target, has been sent.
+        The first `planned` of the new targets continue the motion, and the others brake to rest.
+        Return False, and change nothing, if the target with index `first`, or a braking target,
+        has already been sent.
         """
 
 

@@ -194,7 +194,10 @@ class RtmcStatus:
         return cls(*flags, error, warning, tuple(details))
 
     def simple_status(self, powered: bool | None, *, in_motion: bool) -> Status:
-        """Return the status as a simple message. `powered`: None if the motors are unknown."""
+        """Return the status as a STATUS message of the simple message protocol.
+
+        `powered`: whether the motors are on, or None if this is unknown.
+        """
         auto = self.mode is OperationMode.AUTO
         motors = TriState.UNKNOWN if powered is None else TriState(powered)
         possible = auto and not (self.safeguard_open or self.estop or self.error)

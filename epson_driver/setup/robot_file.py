@@ -1,6 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The file of one robot, robot.yaml: address, profile, model, and ports unlike the profile's.
+"""The file of one robot, robot.yaml.
+
+It contains address, profile, model, and the ports that differ from the profile.
 
 `epson_driver connect` writes it. It is a ROS parameter file, so `--params-file` accepts it, too.
 """

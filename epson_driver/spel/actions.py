@@ -225,7 +225,7 @@ def _may_write(task: Task, name: str, memory: Memory, words: tuple[str, ...]) ->
         return
     host = task.world.host
     if host.value('estopon', ()) or host.value('safetyon', ()):
-        text = f'{name}: outputs need Forced during an E-stop or with an open door'
+        text = f'{name}: outputs need the parameter Forced during an E-stop or with an open door'
         raise SpelError(ErrorNumber.TASK_TYPE, text)
 
 

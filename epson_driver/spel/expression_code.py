@@ -272,7 +272,7 @@ class Expressions:
         return self.read(variable).text, variable.type
 
     def reference(self, target: Target) -> tuple[str, str]:
-        """Return the Python text of the pair (list, index) of a variable, and its type."""
+        """Return the Python text (list, index) of a variable's place, and the variable's type."""
         variable = self._stored_in(target)
         if isinstance(target, Apply):
             container, index = self._element(variable, target)

@@ -154,10 +154,12 @@ def frame_between(
     """Return the frame that maps two points of a local to two points in Local 0.
 
     `pairs`: two pairs, each of a point in the local and the same point in Local 0 (SPEL+ manual
-    p514). If the distances between the points differ, the frame is exact at `fraction` of the line
-    between them. With `base_u`, the U of points is not rotated with the frame, but increased by
-    the difference of U in the pairs, interpolated at `fraction` (p515). The seventh value of the
-    result is this increase minus the frame's rotation.
+    p514). If the two points of the local are not as far apart as those in Local 0, the frame is
+    exact only at one place between them: at `fraction` of the distance from the first point.
+
+    With `base_u`, the U of points is not rotated with the frame. It is increased by the difference
+    of U in the pairs, interpolated at `fraction` (p515). The seventh value of the result is this
+    increase minus the frame's rotation.
     """
     (here, there), (here2, there2) = pairs
     turn = _heading(there, there2) - _heading(here, here2)
@@ -195,7 +197,10 @@ def _unit(vector: Sequence[float]) -> tuple[float, ...]:
 
 
 def _tool_turn(frame: Point) -> _Turn:
-    """Return a frame's rotation of orientations. With BaseU it differs from the axes' rotation."""
+    """Return the rotation by which a frame turns orientations.
+
+    With BaseU it differs from the rotation of the frame's axes.
+    """
     if _BASE_U not in frame.flags:
         return _matrix(frame)
     u, v, w, *more = frame.values[3:]

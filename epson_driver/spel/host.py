@@ -179,7 +179,10 @@ class Host(Protocol):
         """
 
     def stored_point(self, point: Point) -> Point:
-        """Return a point as stored in P0, P1, …: angles and pulses become a pose."""
+        """Return a point as a point variable (P0, P1) stores it.
+
+        Angles and pulses are converted to a pose.
+        """
 
     @property
     def terminal(self) -> Terminal:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Statements and functions for points, for their labels, postures and files, and for locals."""
+"""Statements and functions for points: labels, postures, files and local coordinate systems."""
 
 import math
 from collections.abc import Callable

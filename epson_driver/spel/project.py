@@ -84,7 +84,7 @@ def _note(notes: list[Problem], token: Token, kind: str, why: str) -> None:
 
 
 def _declared(lines: Iterable[Line]) -> set[str]:
-    """Return the names in all lines that contain a type, which may be declarations."""
+    """Return the names in all lines that contain a type. Such a line may be a declaration."""
     result: set[str] = set()
     for line in lines:
         if any(token.lower in TYPES for token in line.tokens):

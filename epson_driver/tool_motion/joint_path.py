@@ -42,7 +42,7 @@ class ShownFrame:
     base_link: Array = field(default_factory=lambda: np.eye(4))
 
     def text(self, position: Array) -> str:
-        """Return a position in base_link, shape (3,), m, as a text in this frame, in mm."""
+        """Return a position in mm in this frame. `position`: in base_link, m, shape (3,)."""
         seen = self.base_link[:3, :3] @ position + self.base_link[:3, 3]
         numbers = ', '.join(f'{value * 1e3:.1f}' for value in seen)
         return f'({numbers}) mm in {self.name}'

@@ -188,7 +188,7 @@ def test_sim_controller_takes_a_robot_file_that_options_override(file, monkeypat
         ('report', 'must follow --robot, --host, --address'),
     ],
 )
-def test_command_without_an_address_refuses_the_file_with_the_reason(file, name, text):
+def test_command_that_takes_no_address_refuses_a_robot_file(file, name, text):
     run = command(name, str(file))
     assert run.returncode == 2
     assert f'{file}: ' in run.stderr

@@ -544,7 +544,7 @@ def test_demo_stay_runs_until_interrupted(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_demo_compare_and_stay_exclude_each_other() -> None:
+def test_demo_refuses_compare_together_with_stay() -> None:
     run = subprocess.run(
         [*DEMO, '--compare', '--stay'], capture_output=True, text=True, check=False
     )

@@ -556,4 +556,4 @@ def test_outputs_in_estop_or_open_door_need_forced(statement: str, state: str) -
     run(f'Function main\n  {statement}, Forced\n  MemOn 1\n  {statement}\nFend', host=host)
     (failure,) = host.failures
     assert (failure.number, failure.position.line) == (9996, 4)
-    assert 'outputs need Forced' in failure.text
+    assert 'outputs need the parameter Forced' in failure.text

@@ -163,7 +163,7 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
     },
     # It accepts the point, refuses it before execution, and closes the connection.
     ('failure_reply', 'fanuc'): {
-        'text': '(refused|withdrew an acknowledgement before) point 3 of 4'
+        'text': '(refused|had accepted all points before) point 3 of 4'
         '.*(4001|the motion link was lost)|the motion link was lost: .*closed by the controller',
         'gate': 'the controller (is|was) in error 4001|the motion link was lost',
     },

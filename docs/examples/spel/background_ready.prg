@@ -1,4 +1,4 @@
-' Does a background task leave Ready on? Look at the last digit of $GetStatus.
+' Does the output Ready stay on with a background task? Look at the last digit of $GetStatus.
 Function BgMain
   Do
     Wait 1

@@ -1,4 +1,4 @@
-' How long do a statement, Wait 0.001, and Speed with Accel take?
+' How long does a statement take, how long Wait 0.001, and how long Speed with Accel?
 Function main
   Integer i, j
   TmReset 0

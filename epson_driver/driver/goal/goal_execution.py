@@ -194,7 +194,8 @@ class GoalExecution:
     def on_unsolicited_failure(self, now: float) -> None:
         if self.state in RUNNING_STATES:
             where = self._name(self.target)
-            self._reject(f'the controller withdrew an acknowledgement before {where}', now)
+            text = f'reported a failure, although it had accepted all points before {where}'
+            self._reject(f'the controller {text}', now)
 
     def on_state(self, robot: RobotState, now: float) -> None:
         sample = robot.sample

@@ -254,7 +254,7 @@ class Servo:
     def withdraw(self) -> None:
         session = self._session
         if session is not None and not session.released:
-            text = 'the controller withdrew an acknowledgement'
+            text = 'the controller reported a failure of an accepted setpoint'
             self._break_off(session, text, unexplained=True)
 
     def on_joints(self, sample: JointSample, now: float) -> None:

@@ -36,7 +36,11 @@ class SpeedProfile:
 
 
 class SpeedBounds:
-    """Upper bounds of the speed u̇ on a path: `speeds` at path parameters `positions`, (m,)."""
+    """Upper bounds of the speed u̇ along a path.
+
+    * positions: path parameters, shape (m,).
+    * speeds: the bounds at these parameters, shape (m,).
+    """
 
     __slots__ = ('_max_acceleration', '_start', 'positions', 'speeds')
 

@@ -62,7 +62,9 @@ class SpeedSpline:
         return np.diff(self.nodes)
 
     def timing(self, start: State, end: float) -> TimeParametrisation | None:
-        """Return a timing with the spline's u, u̇ and ü at the nodes, or None if a sampled x ≤ 0.
+        """Return a timing with the spline's u, u̇ and ü at the nodes.
+
+        Return None if the sampled spline is not positive everywhere.
 
         Between two nodes, it has three pieces of constant jerk and equal duration.
         """

@@ -195,7 +195,7 @@ SIM_COMMANDS: dict[str, SimCommand] = {
     ),
     'power': SimCommand(
         'power,high|low',
-        'like the statement Power, in any condition',
+        'set the power, as the statement Power does',
         _events(high=Event.POWER_HIGH, low=Event.POWER_LOW),
     ),
     'io': SimCommand(

@@ -216,7 +216,10 @@ def _jump_tlz(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _pass(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Return the points of Pass: each motion starts while the previous one decelerates."""
+    """Return the points of the statement Pass.
+
+    The motion to each point starts while the motion to the previous point decelerates.
+    """
     near, result = robot.motion.start, []
     for point in _least_motion(robot, request):
         near = robot.points.joints(point, near)

@@ -50,7 +50,7 @@ def test_line_of_the_tool_is_one_move_no_faster_than_the_plan(model: Any) -> Non
     assert speed == pytest.approx(FAR / plan.duration, rel=1e-3)
 
 
-def test_turn_of_the_tool_in_place_is_one_move_with_rot() -> None:
+def test_turn_of_the_tool_in_place_is_one_move_with_the_parameter_rot() -> None:
     plan = step(C3, 'U')
     text = text_of(C3, plan)
     assert text.endswith(' ROT')

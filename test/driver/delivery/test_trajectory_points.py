@@ -97,7 +97,7 @@ def test_full_points_have_the_plan_times_and_velocities():
         full_points(plan([0.0, 1.0], [0.0, 0.1]), LIMITS, unmapped(len(LIMITS.names)))
 
 
-def test_added_velocities_do_not_overshoot():
+def test_velocities_added_to_points_cause_no_overshoot():
     """They are 0 at the ends and reversals; a cubic between two points stays between them."""
     trajectory = with_velocities(plan([0, 1, 2, 3, 5, 6], [0.0, 0.1, 0.9, 1.0, 0.4, 0.4]))
     velocities = trajectory.velocities[:, 0]

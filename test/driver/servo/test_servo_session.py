@@ -475,7 +475,7 @@ async def test_inv9_withdrawn_acknowledgement_ends_the_stream_and_disables():
         await send(harness, jog(), 0.5)
         harness.driver.servo.withdraw()
         assert not harness.driver.servo.active
-        assert 'the controller withdrew an acknowledgement' in harness.gate
+        assert 'the controller reported a failure of an accepted setpoint' in harness.gate
         await asyncio.sleep(1.0)
         assert await harness.rests()
 
