@@ -28,6 +28,7 @@ from epson_driver.driver.state.robot_state import RobotState
 from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.link import Link
+from epson_driver.link.connection import CLOSED
 from epson_driver.link.link_reports import MAX_SHORT, TURNED_AWAY
 from epson_driver.remote_ethernet.client import RemoteError, RemoteErrorNumber
 from epson_driver.simple_message import Mode, Status
@@ -89,7 +90,7 @@ class InhibitTable:
             state = 'waiting for joints, which show the byte order'
         remedy = link_remedy(link)
         if remedy is Remedy.END_CLIENT:
-            state = f'closed by the controller immediately: {TURNED_AWAY}'
+            state = f'{CLOSED} immediately: {TURNED_AWAY}'
         text = f'the {link.name} link to {link.host}:{link.port} is {state}'
         return Inhibit(cause, remedy, f'no link to the controller: {text}')
 
@@ -207,8 +208,7 @@ def link_remedy(link: Link) -> Remedy:
     failure = link.failure
     if isinstance(failure, RemoteError) and failure.number in _NEED_PASSWORD:
         return Remedy.FIX_LOGIN
-    turned_away = failure is None and link.attempt >= MAX_SHORT
-    return Remedy.END_CLIENT if turned_away else Remedy.CONNECT
+    return Remedy.END_CLIENT if link.turned_away >= MAX_SHORT else Remedy.CONNECT
 
 
 _NEED_PASSWORD = (RemoteErrorNumber.PASSWORD, RemoteErrorNumber.PASSWORD_NEEDED)

@@ -89,6 +89,8 @@ class Tap(Protocol):
         """Record a step that was `age` s ago. `data`: the bytes of SENT and RECEIVED."""
 
 
+CLOSED = 'closed by the controller'
+
 READ_SIZE_BYTES = 65536
 MAX_FRAMES_PER_TURN = 50
 """Maximum number of frames that are handled before other event-loop callbacks run. A controller
@@ -238,7 +240,7 @@ class Connection(asyncio.BufferedProtocol):
     def _close_of_controller(self) -> None:
         if self._why is None and not self.ended.done():
             self._receivers.event(WireEvent.ENDED)
-            self._finish('closed by the controller')
+            self._finish(CLOSED)
 
     def _received(self) -> None:
         if self._silence is not None:

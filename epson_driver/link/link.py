@@ -11,7 +11,15 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 
 from epson_driver.inputs import HOST
-from epson_driver.link.connection import Address, AnyFramer, Connection, Receivers, Tap, WireEvent
+from epson_driver.link.connection import (
+    CLOSED,
+    Address,
+    AnyFramer,
+    Connection,
+    Receivers,
+    Tap,
+    WireEvent,
+)
 from epson_driver.link.replies import PendingReplies, PendingRequest
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
 from epson_driver.log_lines import LogThrottle
@@ -130,6 +138,7 @@ class Link:
         self._written: Dialect | None = None  # last dialect sent on this connection
         self.attempt = 0  # since a connection longer than MIN_PROVEN_UPTIME_S
         self.failure: Exception | None = None  # of the last attempt, if it failed
+        self.turned_away = 0  # successive connections that the controller closed immediately
         self.joints_withheld = False  # no joint positions are normal now
         self.flags: tuple[str, ...] = ()  # EPSON's status flags that are set, if known
         self.last_received = 0.0  # loop time of the last read, s
@@ -239,7 +248,7 @@ class Link:
             async with asyncio.timeout(CONNECT_TIMEOUT_S):
                 await loop.create_connection(lambda: connection, self.host, self.port)
         except (OSError, TimeoutError, ValueError) as error:  # ValueError: invalid host name
-            self.failure = error
+            self.failure, self.turned_away = error, 0
             why = reason(error) or f'no answer within {CONNECT_TIMEOUT_S:g} s'
             self._step(LinkEvent.FAILED, f'{self.host}:{self.port}: {why}')
             return None
@@ -258,6 +267,9 @@ class Link:
             self.statistics.connected_since = None
             self._pending.clear()
             connection.end('closed')
+        short = loop.time() - established < MIN_PROVEN_UPTIME_S
+        turned_away = short and why.startswith(CLOSED)
+        self.turned_away = self.turned_away + 1 if turned_away else 0
         event = LinkEvent.LOST if self.connected else LinkEvent.FAILED
         self._step(event, f'{self.host}:{self.port}: {why}')
         return established

@@ -325,8 +325,6 @@ class RtmcLink(Link):
         return self._ended.done()
 
     def lose(self, why: str) -> None:
-        if not self.gone:
-            self._on_event(WireEvent.ENDED)
         self.gone = True
         self._end(why)
 
@@ -357,6 +355,7 @@ class RtmcLink(Link):
                 self._end('two controllers answer')
             return
         if arrival.data is None:
+            self._on_event(WireEvent.ENDED)
             self.lose('the controller has left')
             return
         self.last_received = arrival.time

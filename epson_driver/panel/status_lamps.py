@@ -172,8 +172,8 @@ def _ended(condition: Mapping[str, str]) -> Advice | None:
 def _held(condition: Mapping[str, str]) -> Advice | None:
     """Return why a simulated controller's program waits, or None if the program does not wait."""
     if condition.get('door', 'closed') != 'closed':
-        remedy = 'close the door, Continue at the pendant, then Enable'
-        return Advice('the safeguard door is open', remedy, BAD)
+        remedy = 'close the door, Continue at the pendant, then press Enable'
+        return Advice('the safeguard door is open', remedy, BAD, True)
     if condition.get('tasks') == 'paused':
         return Advice('the controller is paused', 'Continue at the pendant', WARN)
     return None

@@ -131,6 +131,7 @@ class _Reader:
         self._plans = _Plans(joints)
         self._rtmc = RtmcConversation(limits.units)
         self._asked = 0.0  # time of the last request of Real-time Motion Control, s
+        self._refused: dict[int, int] = {}  # request → its reason for the last refusal
         self._silent_since: float | None = None
         self._arrivals: dict[int, list[Arrival]] = defaultdict(list)
         self._broken: set[int] = set()
@@ -173,10 +174,13 @@ class _Reader:
         self._traffic[name if notice else f'{name} reply', 'controller'].append(entry.time)
         if not notice:
             self._replies.append(Reply(self._asked, entry.time - self._asked, name))
-            if not message.high:
-                why = sentence(message.number, message.low)
-                self._event(entry, 'error', f'the controller refused {name}: {why}')
+            if not message.high:  # a polling driver repeats refused requests
+                if self._refused.get(message.number) != message.low:
+                    why = sentence(message.number, message.low)
+                    self._event(entry, 'error', f'the controller refused {name}: {why}')
+                self._refused[message.number] = message.low
                 return
+            self._refused.pop(message.number, None)
         for received in self._rtmc.received(message):
             self._take_topic(entry.time, received, self._arrivals[entry.connection])
 

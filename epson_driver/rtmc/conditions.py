@@ -87,7 +87,7 @@ REMEDIES: dict[Refusal, str] = {
     Refusal.TIMEOUT: 'the controller took too long: see its error, then reset',
     Refusal.ERROR: 'there is an error: reset, then enable',
     Refusal.ESTOP: 'the E-stop is pressed or not reset: release it, reset, then enable',
-    Refusal.SAFEGUARD: 'the safeguard is open: close it, reset, then enable',
+    Refusal.SAFEGUARD: 'the safeguard is open: close it, then enable',
 }
 """Reason for a refusal → text with the reason and the remedy.
 

@@ -88,7 +88,10 @@ def library() -> ctypes.CDLL:
         ('take', ctypes.c_int, handle, text, number, values, values),
         ('close', None, handle),
     ):
-        function = getattr(found, f'epson_rtmc_{name}')
+        try:
+            function = getattr(found, f'epson_rtmc_{name}')
+        except AttributeError as error:
+            raise TransportError(f'{paths[0]} is too old: build epson_rtmc again') from error
         function.restype, function.argtypes = result, arguments
     return found
 

@@ -95,7 +95,7 @@ def test_removed_or_foreign_shared_memory_is_reported(monkeypatch, tmp_path):
     environment._check_shared_memory(findings)
     lost, foreign, logout = (item.text for item in findings.all)
     assert 'process 7 were removed' in lost
-    assert f'user {os.getuid()} uses it' in foreign
+    assert f'user {os.getuid()} uses shared memory' in foreign
     assert 'at logout' in logout
     (tmp_path / 'LOGIND').write_text('RemoveIPC=no\n')
     environment._check_shared_memory(findings)

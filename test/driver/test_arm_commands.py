@@ -119,6 +119,17 @@ async def test_enable_beside_another_client_names_it():
         other.close()
 
 
+async def test_enable_names_no_other_client_of_a_silent_controller():
+    async with simulated() as (_, ports):
+        silent = await asyncio.start_server(lambda reader, _: reader.read(), '127.0.0.1', 0)
+        port = silent.sockets[0].getsockname()[1]
+        async with Harness(ports._replace(state=port), state_timeout=0.3) as harness:
+            link = harness.driver.state_link
+            await until(lambda: link.attempt > 3 and not link.connected)
+            assert (await rejection(harness.commands.enable())).endswith('; CONNECT')
+        silent.close()
+
+
 async def test_enable_with_the_estop_pressed_or_latched_is_refused():
     async with cell(enabled=False) as (harness, controller):
         controller.apply(Event.ESTOP_PRESS)

@@ -110,7 +110,7 @@ struct Peer : DataReaderListener, DataWriterListener {
 
   std::mutex mutex;           // of the exchange
   std::deque<Bytes> waiting;  // requests
-  double received = 0.0;      // time of the last message
+  double received = 0.0;      // time of the last reply
   uint16_t pending = 0;       // ID of the request that has no reply yet
   bool moving = false;        // whether targets are sent
   std::deque<Target> targets;
@@ -175,7 +175,7 @@ struct Peer : DataReaderListener, DataWriterListener {
     Bytes traced = tracing ? bytes : Bytes();
     const double time = other_writer ? received : now();  // virtual, or real
     const int sent = write(std::move(bytes));
-    if (sent > 0 && !traced.empty()) report({time, 0, static_cast<int>(traced.size()), std::move(traced)}, false);
+    if (sent > 0 && !traced.empty()) report({time, 0, static_cast<int>(traced.size()), std::move(traced)}, false, MAX_MOVED);
     if (sent <= 0) pending = 0, moving = false;
     return sent;
   }
@@ -192,8 +192,11 @@ struct Peer : DataReaderListener, DataWriterListener {
     if (answered && id == MOVE && !word(data, 10)) moving = false;  // refused
     const bool moved = answered && id == MOVE && moving;
     const bool full = moved && data.size() > HEADER && data[HEADER];  // the controller's buffer
+    const bool first = answered && !tracing;  // in a trace, the reply precedes the next target
+    int sent = first ? send_next() : 1;
     report(std::move(arrival), !full, moved ? MAX_MOVED : MAX_ARRIVALS);
-    if (answered && send_next() < 0) report({now(), 0, FAILED, {}});
+    if (answered && !first) sent = send_next();
+    if (sent < 0) report({now(), 0, FAILED, {}});
   }
 
   void run() {

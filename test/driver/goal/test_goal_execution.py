@@ -407,7 +407,7 @@ def test_withdrawn_acknowledgement_ends_goal(acknowledged):
     harness.now += 0.03
     harness.status()
     assert harness.outcome.end is End.ABORTED
-    assert 'withdrew' in harness.outcome.text
+    assert 'reported a failure' in harness.outcome.text
 
 
 def test_reply_to_point_that_is_not_pending_is_ignored():
