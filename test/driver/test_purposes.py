@@ -46,7 +46,7 @@ def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> Inh
     def link(name: str, cause: Cause) -> Fake:
         connected = cause not in wrong
         state = LinkState.BACKING_OFF
-        attempts = {'failure': None, 'attempt': 1}
+        attempts = {'failure': None, 'turned_away': 0}
         return Fake(
             name=name, host='arm', port=1, connected=connected, state=state, flags=(), **attempts
         )
