@@ -2,413 +2,309 @@
 # SPDX-License-Identifier: Apache-2.0
 """E-stop, door, errors, lost clients, starts: nothing moves until it is enabled again."""
 
-from collections.abc import Callable
+import math
 
+import numpy as np
 import pytest
-from support.robot_program import (
-    FILES,
-    IO_PORT,
-    MOTION_PORT,
-    STATE_PORT,
-    Client,
-    RobotHarness,
-    SimpleRobot,
-    TaskType,
-    moved,
-    point,
-    request,
-)
+from support.controller_harness import STOP, point
+from support.spel_program_harness import OUR_FILES, OurProgramHarness
 
-from epson_driver.simple_message import (
-    IoSetting,
-    IoType,
-    JointTrajPt,
-    Ping,
-    ReplyCode,
-    SpecialSequence,
-    reply,
-)
+from epson_driver.sim_controller.spel_host.robot_values import VALUES, WORDS
+from epson_driver.simple_message import IoSetting, IoType, Ping, ReplyCode, reply, request
 from epson_driver.simple_message.io_messages import IoWrite
-from epson_driver.spel import SpelError
+from epson_driver.spel import SpelError, TaskType
 
 OK, FAILURE = 1, 2
-STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
+SERVERS = ['MotionServer', 'StateServer', 'IoServer']
 
 
-def line(harness: RobotHarness, count: int, step: float = 20.0, duration: float = 1.0):
-    start = harness.robot.position
-    return [point(n, moved(start, j1=step * (n + 1)), duration) for n in range(count)]
+def line(harness, count, step=20.0, duration=1.0):
+    """Return points along a line of joint 1, `step` degrees each, from where the arm is."""
+    ways = np.outer(np.arange(1, count + 1), [math.radians(step), 0, 0, 0, 0, 0])
+    points = (harness.position + ways).tolist()
+    return [point(number, joints, 0.0, duration) for number, joints in enumerate(points)]
 
 
-def moving(harness: RobotHarness) -> Client:
+def moving(harness):
     """Return a client whose trajectory of six points is at its first one."""
-    client = harness.client()
-    assert harness.stream(client, line(harness, 6)) == [(n, OK) for n in range(6)]
-    harness.run(0.6)
-    assert harness.robot.move_now is not None
+    client = harness.ready()
+    assert client.stream(*line(harness, 6)) == [(n, OK) for n in range(6)]
+    harness.step(0.6)
+    assert harness.controller.in_motion
     return client
 
 
-def assert_still(harness: RobotHarness, seconds: float = 3.0) -> None:
-    """Assert that the arm does not move and no Go starts."""
-    started, where = len(harness.robot.gone_to), harness.robot.position
-    harness.run(seconds)
-    assert len(harness.robot.gone_to) == started
-    assert harness.robot.position == where
+def enable(harness):
+    """Release the E-stop, reset, switch motors on, and start main."""
+    harness.do('E-stop release', 'reset', 'motors on', 'start')
 
 
-def assert_works(harness: RobotHarness, client: Client) -> None:
+def assert_still(harness, seconds=3.0):
+    """Assert that the arm comes to rest immediately, and does not move then."""
+    harness.step(0.4)
+    where = harness.position
+    harness.step(seconds)
+    assert np.array_equal(harness.position, where)
+
+
+def assert_works(harness, client):
     """Assert that only a new trajectory is executed."""
-    assert harness.stream(client, [point(6, harness.robot.position)]) == [(6, FAILURE)]
-    points = line(harness, 3, -5.0, 0.3)
-    assert harness.stream(client, points) == [(n, OK) for n in range(3)]
-    started = len(harness.robot.gone_to)
+    client.raw()
+    assert client.stream(point(6, harness.position)) == [(6, FAILURE)]
+    end = harness.position[0] - math.radians(15.0)
+    assert client.stream(*line(harness, 3, -5.0, 0.3)) == [(n, OK) for n in range(3)]
     harness.rest()
-    assert len(harness.robot.gone_to) >= started
-    assert abs(harness.robot.position[0] - points[-1].joints[0] * 57.29577951308232) < 1e-4
+    assert harness.position[0] == pytest.approx(end, abs=1e-5)
+
+
+def refuse(*_):
+    """Fail, instead of a function of the controller."""
+    raise SpelError(2002, 'refused')
+
+
+def tasks(harness):
+    return [row.name for row in harness.controller.tasks()]
 
 
 @pytest.mark.invariant(4)
-def test_inv4_nothing_moves_after_an_estop_until_enabled() -> None:
-    harness = RobotHarness()
+def test_inv4_nothing_moves_after_an_estop_until_enabled():
+    harness = OurProgramHarness()
     client = moving(harness)
-    harness.press_estop()
-    assert_still(harness)
-    assert harness.stream(client, line(harness, 1)) == [(0, FAILURE)]
-    harness.robot.states['estopon'] = 0
-    assert_still(harness)
-    assert harness.stream(client, line(harness, 1)) == [(0, FAILURE)]
-    harness.robot.motors = True
-    assert_still(harness)
-    assert harness.stream(client, line(harness, 1)) == [(0, FAILURE)]
-    harness.enable()
+    for event in ('E-stop press', 'E-stop release', 'reset', 'motors on'):
+        harness.do(event)
+        assert_still(harness)
+        assert client.stream(*line(harness, 1))[-1] == (0, FAILURE)
+    harness.do('motors off', 'start')
+    harness.step(1.0)
+    assert not harness.controller.condition.powered
+    harness.do('motors on')
     assert_still(harness)
     assert_works(harness, client)
-    assert harness.robot.failures == []
 
 
-def test_points_waiting_at_an_estop_are_never_executed() -> None:
+def test_points_waiting_at_an_estop_are_never_executed():
     """main drops the points in the ring without help of a server."""
-    harness = RobotHarness()
+    harness = OurProgramHarness()
     moving(harness)
-    harness.press_estop()
-    harness.robot.states['estopon'] = 0
-    harness.robot.motors = True
-    harness.start_main()
+    harness.do('E-stop press')
+    harness.until(lambda: not harness.controller.in_motion)
+    enable(harness)
     assert_still(harness)
 
 
-def test_points_not_yet_passed_to_main_are_dropped_at_an_estop() -> None:
+def test_points_not_yet_passed_to_main_are_dropped_at_a_start():
     """main waits until MotionServer has dropped its points too."""
-    harness = RobotHarness(LOOK_AHEAD='2')
-    client = harness.client()
-    client.send(*(request(item) for item in line(harness, 6)))
-    harness.run(0.6)
+    harness = OurProgramHarness(LOOK_AHEAD='2')
+    client = harness.ready()
+    client.send_bytes(b''.join(line(harness, 6)))
+    harness.step(0.6)
     assert client.replies() == [(0, OK), (1, OK)]
-    harness.press_estop()
-    harness.robot.states['estopon'] = 0
-    harness.robot.motors = True
-    harness.start_main()
+    harness.do('stop', 'start')
     assert_still(harness)
     assert client.replies() == [(n, FAILURE) for n in range(2, 6)]
 
 
-def test_motors_off_in_a_pause_drops_the_points() -> None:
-    harness = RobotHarness()
-    client = harness.client()
-    harness.machine.pause()
-    assert harness.stream(client, line(harness, 3)) == [(n, OK) for n in range(3)]
-    harness.robot.halt()
-    harness.run(0.1)
-    harness.robot.motors = True
-    harness.machine.resume()
+def test_motors_off_in_a_pause_drops_the_points():
+    harness = OurProgramHarness()
+    client = harness.ready()
+    harness.do('pause')
+    assert client.stream(*line(harness, 3)) == [(n, OK) for n in range(3)]
+    harness.do('motors off')
+    harness.step(0.1)
+    harness.do('motors on', 'continue')
     assert_still(harness)
     assert_works(harness, client)
 
 
-def test_motors_off_and_on_drops_the_points() -> None:
-    harness = RobotHarness()
-    client = moving(harness)
-    harness.robot.halt()
-    harness.run(0.1)
-    harness.robot.motors = True
+def test_points_in_teach_mode_are_refused(monkeypatch):
+    """Even if the motors are on, which the simulated controller does not allow."""
+    harness = OurProgramHarness()
+    client, state = harness.ready(), harness.connect('state')
+    monkeypatch.setitem(WORDS['CtrlInfo'], 7, lambda _: 0)
+    assert client.stream(*line(harness, 1)) == [(0, FAILURE)]
+    assert state.status().error_code == 4031
+
+
+@pytest.mark.parametrize('how', ['motors off', 'AbortMotion All'])
+def test_aborted_motion_drops_the_points_and_main_continues(how):
+    harness = OurProgramHarness()
+    client, state = moving(harness), harness.connect('state')
+    if how == 'motors off':
+        harness.do(how)
+        harness.until(lambda: not harness.controller.in_motion)
+        harness.do('motors on')
+    else:
+        harness.controller.program.execute(how, lambda _: None)
     assert_still(harness)
+    assert state.status().error_code == 2999
+    assert harness.controller.program.failure is None
     assert_works(harness, client)
 
 
 @pytest.mark.invariant(4)
-def test_inv4_open_door_ends_main_and_the_motion() -> None:
-    harness = RobotHarness()
+def test_inv4_open_door_ends_main_and_the_motion():
+    harness = OurProgramHarness()
     client = moving(harness)
-    harness.robot.states['safetyon'] = -1
-    harness.machine.pause()
-    harness.robot.halt()
-    harness.run(0.5)
-    assert not harness.task(1)
-    assert harness.stream(client, line(harness, 1)) == [(0, FAILURE)]
-    harness.robot.states['safetyon'] = 0
-    harness.robot.motors = True
-    harness.machine.resume()
+    harness.do('door open')
+    harness.step(0.5)
+    assert tasks(harness) == ['BgMain', *SERVERS]
+    assert client.stream(*line(harness, 1))[-1] == (0, FAILURE)
+    harness.do('door close', 'continue')
     assert_still(harness)
-    harness.enable()
+    harness.do('start')
+    assert_still(harness)
     assert_works(harness, client)
 
 
-def test_without_door_ends_motion_the_door_pauses() -> None:
-    harness = RobotHarness(DOOR_ENDS_MOTION='')
-    moving(harness)
-    harness.robot.states.update(safetyon=-1, pauseon=-1)
-    harness.machine.pause()
-    harness.run(0.5)
-    assert harness.task(1)
-    harness.robot.states.update(safetyon=0, pauseon=0)
-    harness.machine.resume()
-    harness.rest()
-    assert len(harness.robot.gone_to) == 6
+def test_without_door_ends_motion_main_waits_for_continue():
+    """The door switches the motors off, which drops the points."""
+    harness = OurProgramHarness(DOOR_ENDS_MOTION='')
+    client = moving(harness)
+    harness.do('door open')
+    assert_still(harness)
+    harness.do('door close', 'continue')
+    assert_still(harness)
+    assert_works(harness, client)
 
 
-def test_stop_works_in_a_pause() -> None:
-    harness = RobotHarness()
-    client = harness.client()
-    harness.robot.states['pauseon'] = -1
-    harness.machine.pause()
-    assert harness.stream(client, line(harness, 3)) == [(n, OK) for n in range(3)]
+def test_stop_works_in_a_pause():
+    harness = OurProgramHarness()
+    client = harness.ready()
+    harness.do('pause')
+    assert client.stream(*line(harness, 3)) == [(n, OK) for n in range(3)]
     assert_still(harness, 1.0)
-    assert harness.stream(client, [STOP]) == [(-4, OK)]
-    harness.robot.states['pauseon'] = 0
-    harness.machine.resume()
+    assert client.stream(point(STOP)) == [(STOP, OK)]
+    harness.do('continue')
     assert_still(harness)
     assert_works(harness, client)
 
 
 @pytest.mark.invariant(4)
-def test_inv4_lost_client_stops_the_arm_and_switches_motors_off() -> None:
-    harness = RobotHarness()
-    client = moving(harness)
-    client.leave()
-    harness.run(0.5)
-    assert harness.robot.move_now is None
-    assert not harness.robot.motors
+def test_inv4_lost_client_stops_the_arm_and_switches_motors_off():
+    harness = OurProgramHarness()
+    moving(harness).leave()
     assert_still(harness)
-    client = harness.client()
-    assert harness.stream(client, line(harness, 1)) == [(0, FAILURE)]
-    harness.robot.motors = True
-    harness.run(0.1)
+    assert not harness.controller.condition.powered
+    client = harness.connect()
+    assert client.stream(*line(harness, 1)) == [(0, FAILURE)]
+    harness.do('motors on')
     assert_still(harness)
     assert_works(harness, client)
 
 
-def test_config_may_keep_the_motors_on() -> None:
-    harness = RobotHarness(LOST_CLIENT_MOTORS_OFF='')
-    client = moving(harness)
-    client.leave()
-    harness.run(0.5)
-    assert harness.robot.move_now is None
-    assert harness.robot.motors
+def test_config_may_keep_the_motors_on():
+    harness = OurProgramHarness(LOST_CLIENT_MOTORS_OFF='')
+    moving(harness).leave()
     assert_still(harness)
-    assert_works(harness, harness.client())
+    assert harness.controller.condition.powered
+    assert_works(harness, harness.connect())
 
 
-def test_port_listens_again_after_each_client() -> None:
-    harness = RobotHarness(LOST_CLIENT_MOTORS_OFF='')
-    for _ in range(4):
-        client = harness.client()
-        assert harness.stream(client, line(harness, 2, 1.0, 0.1)) == [(0, OK), (1, OK)]
-        client.leave()
-        harness.run(0.6)
-    assert harness.robot.failures == []
-
-
-@pytest.mark.parametrize('number', [4001, 4031, 4242, 2999])
-def test_failed_motion_drops_the_points_and_main_continues(number: int) -> None:
-    harness = RobotHarness()
-    client = harness.client()
-    harness.robot.fails_with = number
-    assert harness.stream(client, line(harness, 3))[0] == (0, OK)
-    harness.run(0.5)
-    assert harness.shared('g_main_error') == number
-    assert harness.robot.failures == []
+def test_stop_bit_set_by_another_program_is_an_error():
+    harness = OurProgramHarness()
+    client, state = moving(harness), harness.connect('state')
+    harness.controller.io.write(IoType.FLAG, 500, 1)
     assert_still(harness)
+    assert state.status().error_code == 8003
     assert_works(harness, client)
-
-
-def test_failed_later_motion_drops_the_points() -> None:
-    harness = RobotHarness()
-    client = moving(harness)
-    harness.robot.fails_with = 4242
-    harness.rest()
-    assert harness.shared('g_main_error') == 4242
-    assert_works(harness, client)
-
-
-def test_stop_bit_set_by_another_program_is_an_error() -> None:
-    harness = RobotHarness()
-    client = moving(harness)
-    world = harness.machine.world
-    world.host.write_bits(next(m for m in harness.robot.bits if m.value == 'memory'), 500, 1, 1)
-    harness.run(0.5)
-    assert harness.robot.move_now is None
-    assert harness.shared('g_main_error') == 8003
-    assert_still(harness)
-    assert_works(harness, client)
-
-
-def test_power_is_high_only_in_motion_with_full_power() -> None:
-    harness = RobotHarness()
-    assert not harness.robot.power
-    moving(harness)
-    assert harness.robot.power
-    assert 'Low power' not in ''.join(harness.robot.printed)
-    low = RobotHarness(FULL_POWER='')
-    moving(low)
-    assert not low.robot.power
-    assert low.robot.printed == [
-        'Low power, slower than planned: FULL_POWER is off in config.inc\n'
-    ]
 
 
 @pytest.mark.invariant(2)
-def test_inv2_shipped_program_uses_low_power() -> None:
-    assert "\n'#define FULL_POWER 1\n" in FILES['config.inc']
+def test_inv2_shipped_program_uses_low_power():
+    assert "\n'#define FULL_POWER 1\n" in OUR_FILES['config.inc']
 
 
-def test_program_never_switches_motors_on() -> None:
-    harness = RobotHarness()
-    moving(harness)
-    harness.press_estop()
-    harness.enable()
-    harness.run(1.0)
-    assert [words for name, _, words in harness.robot.commands if name == 'motor'] == []
-    assert {name for name, _, _ in harness.robot.commands} <= {
-        'power',
-        'speed',
-        'accel',
-        'waitpos',
-    }
+def test_main_reports_tables_that_cannot_be_filled(monkeypatch):
+    monkeypatch.setitem(VALUES, 'ppls', refuse)
+    harness = OurProgramHarness()
+    harness.step(6.0)
+    assert harness.controller.error_number == 8002
+    assert harness.controller.program.failure.position.file == 'main.prg'
 
 
-def test_main_reports_missing_tables() -> None:
-    """Background tasks are off, or main has cleared the global variables."""
-    harness = RobotHarness(ready=False)
-    harness.machine.clear_variables()
-    harness.machine.start('main', clear=False)
-    harness.run(6.0)
-    (failure,) = harness.robot.failures
-    assert (failure.number, failure.position.file) == (8002, 'main.prg')
-
-
-def test_ended_server_is_restarted() -> None:
-    harness = RobotHarness()
+def test_ended_server_is_restarted():
+    harness = OurProgramHarness()
+    harness.step(0.5)
+    world = harness.controller.program.machine.world
     for number in (66, 67, 68):
-        harness.machine.world.end(harness.machine.world.tasks[number])
-    harness.run(0.5)
-    assert all(harness.task(number) for number in (66, 67, 68))
-    client = harness.client()
-    assert harness.stream(client, line(harness, 2)) == [(0, OK), (1, OK)]
+        world.end(world.tasks[number])
+    assert tasks(harness) == ['main', 'BgMain']
+    harness.step(0.5)
+    assert tasks(harness) == ['main', 'BgMain', *SERVERS]
+    client = harness.ready()
+    assert client.stream(*line(harness, 2)) == [(0, OK), (1, OK)]
 
 
-def test_used_task_number_does_not_end_bgmain() -> None:
-    harness = RobotHarness()
-    world = harness.machine.world
-    world.end(world.tasks[66])
-    harness.machine.start('MoveAll', 66, TaskType.TRAP, clear=False)
-    harness.run(0.5)
-    assert harness.task(65)
-    world.end(world.tasks[66])
-    harness.run(0.5)
-    assert harness.task(66)
+def test_used_task_number_does_not_end_bgmain():
+    harness = OurProgramHarness()
+    harness.step(0.5)
+    machine = harness.controller.program.machine
+    machine.world.end(machine.world.tasks[66])
+    machine.start('MoveAll', 66, TaskType.TRAP, clear=False)
+    harness.step(0.5)
+    assert 'BgMain' in tasks(harness)
+    machine.world.end(machine.world.tasks[66])
+    harness.step(0.5)
+    assert set(SERVERS) <= set(tasks(harness))
 
 
-@pytest.mark.parametrize('port', [STATE_PORT, MOTION_PORT, IO_PORT])
-def test_failed_write_ends_the_connection_not_the_server(port: int) -> None:
-    """Error 2902 ends the connection, not the server."""
-    harness = RobotHarness()
-    client = harness.client(port)
-    harness.robot.sends = False
-    client.send(request(STOP))
-    harness.run(0.5)
-    harness.robot.sends = True
+@pytest.mark.parametrize('port', ['state', 'motion', 'io'])
+def test_failed_write_ends_the_connection_not_the_server(port, monkeypatch):
+    harness = OurProgramHarness()
+    client = harness.connect(port)
+    with monkeypatch.context() as patch:
+        patch.setattr(harness.controller.program.network, 'send', refuse)
+        client.send(request(Ping()))
+        harness.step(0.3)
     assert not client.open
-    client = harness.client(port)
-    client.packets()
+    client = harness.connect(port)
     client.send(request(Ping()))
-    harness.run(0.3)
+    harness.step(0.3)
     assert reply(Ping(), ReplyCode.SUCCESS) in client.packets()
+    assert harness.controller.program.failure is None
 
 
 @pytest.mark.invariant(4)
-def test_inv4_start_main_needs_motors_on() -> None:
-    harness = RobotHarness(ready=False, START_MAIN='1')
-    harness.run(1.0)
-    assert not harness.task(1)
-    harness.robot.motors = True
-    harness.run(0.5)
-    assert harness.task(1)
+def test_inv4_start_main_needs_motors_on():
+    harness = OurProgramHarness(START_MAIN='1')
     client = moving(harness)
-    harness.press_estop()
-    harness.robot.states['estopon'] = 0
+    harness.do('E-stop press', 'E-stop release')
     assert_still(harness)
-    assert not harness.task(1)
-    harness.robot.motors = True
+    harness.do('reset')
     assert_still(harness)
-    assert harness.task(1)
+    assert 'main' not in tasks(harness)
+    harness.do('motors on')
+    assert_still(harness)
+    assert 'main' in tasks(harness)
     assert_works(harness, client)
 
 
-def test_without_background_tasks_main_starts_the_servers() -> None:
+def test_without_background_tasks_main_starts_the_servers():
     """The servers are NoEmgAbort and survive an E-stop."""
-    harness = RobotHarness(NO_BACKGROUND='1')
-    assert [view.number for view in harness.machine.tasks()] == [1, 2, 3, 4]
-    state = harness.client(STATE_PORT)
-    client = moving(harness)
-    harness.press_estop()
-    harness.run(0.2)
-    assert [view.number for view in harness.machine.tasks()] == [2, 3, 4]
-    state.packets()
-    harness.run(0.5)
-    assert state.packets()
-    assert harness.stream(client, line(harness, 1)) == [(0, FAILURE)]
-    harness.robot.states['estopon'] = 0
-    harness.robot.motors = True
-    harness.start_main()
+    harness = OurProgramHarness(NO_BACKGROUND='1')
+    client, state = moving(harness), harness.connect('state')
+    assert tasks(harness) == ['main', *SERVERS]
+    harness.do('E-stop press')
+    assert_still(harness)
+    assert tasks(harness) == SERVERS
+    assert state.status().e_stopped == 1
+    assert client.stream(*line(harness, 1))[-1] == (0, FAILURE)
+    enable(harness)
     assert_still(harness)
     assert_works(harness, client)
 
 
-def failing_function(number: int = 2002) -> Callable[..., None]:
-    """Return a function of the robot that fails."""
-
-    def refuse(*_: object) -> None:
-        raise SpelError(number, 'refused')
-
-    return refuse
-
-
-def test_error_between_two_clients_ends_no_server() -> None:
+def test_error_between_two_clients_ends_no_server(monkeypatch):
     """Dropping points and switching outputs off may fail. The servers continue."""
-    harness = RobotHarness()
-    motion, io = harness.client(MOTION_PORT), harness.client(IO_PORT)
-    harness.stream(motion, [point(0, harness.robot.position)])
+    harness = OurProgramHarness()
+    motion, io = harness.ready(), harness.connect('io')
+    motion.stream(point(0, harness.position))
     io.send(request(IoWrite(1, (IoSetting(IoType.DIGITAL_OUTPUT, 3, 1),))))
-    harness.run(0.1)
-    writes, harness.robot.write_bits = harness.robot.write_bits, failing_function()
-    motion.leave()
-    io.leave()
-    harness.run(1.0)
-    harness.robot.write_bits = writes
-    harness.run(0.5)
-    assert harness.robot.failures == []
-    assert harness.client(MOTION_PORT).open
-    assert {66, 67, 68} <= harness.machine.world.tasks.keys()
-
-
-def test_main_waits_for_tables_that_cannot_be_filled() -> None:
-    values, SimpleRobot.value = SimpleRobot.value, failing_function()  # type: ignore[assignment]
-    try:
-        harness = RobotHarness(ready=False)
-    finally:
-        SimpleRobot.value = values
-    harness.robot.motors = True
-    harness.start_main()
-    harness.run(6.0)
-    assert [failure.number for failure in harness.robot.failures] == [8002]
+    harness.step(0.1)
+    with monkeypatch.context() as patch:
+        patch.setattr(harness.controller.program, 'write_bits', refuse)
+        motion.leave()
+        io.leave()
+        harness.step(1.0)
+    assert harness.connect().open
+    assert tasks(harness) == ['main', 'BgMain', *SERVERS]

@@ -73,9 +73,9 @@ def _number(kind: int, body: bytes) -> str:
 
 def by_spel(script: Script) -> tuple[str, str, str]:
     harness = OurProgramHarness()
-    motion, peer = harness.ready()
-    play_script(script, motion.receive, harness.step, harness.do)
-    return outcome(script, peer.take(), peer.ended is not None, harness.position)
+    client = harness.ready()
+    play_script(script, client.send_bytes, harness.step, harness.do)
+    return outcome(script, client.raw(), not client.open, harness.position)
 
 
 def by_built_in(script: Script) -> tuple[str, str, str]:

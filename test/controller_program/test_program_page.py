@@ -1,36 +1,18 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The page about the controller program, and the coverage of its tests."""
+"""The page about the controller program, and the syntax of the program."""
 
-import inspect
 import logging
 import re
-from collections.abc import Callable, Iterator
-from itertools import product
 from pathlib import Path
 
 import pytest
-import test_conditions
-import test_io_server
-import test_motion_rules
-import test_motion_server
-import test_state_server
 from support.controller_harness import MODEL
 from support.examples import one_in
-from support.motion_server import motion_server
-from support.robot_program import (
-    FILES,
-    IO_PORT,
-    MOTION_PORT,
-    STATE_PORT,
-    RobotHarness,
-    changed,
-    executed_lines,
-)
-from support.spel_program_harness import SPEL_PROFILE, SpelProgramHarness
+from support.spel_program_harness import OUR_FILES, SPEL_PROFILE, SpelProgramHarness
 
 from epson_driver.sim_controller.assembly import profile_project
-from epson_driver.spel import build
+from epson_driver.spel import build, with_defines
 from epson_driver.spel.lint import check
 from epson_driver.spel.syntax import Assign, Binary, Declaration, OnErr, walk
 
@@ -46,14 +28,14 @@ def test_programs_of_the_questions_can_be_built(program: Path) -> None:
     assert f'(examples/spel/{program.name})' in PAGE
     files = {
         'main.prg': program.read_text(encoding='utf-8'),
-        'UserErrors.dat': FILES['UserErrors.dat'],
+        'UserErrors.dat': OUR_FILES['UserErrors.dat'],
     }
     result = {problem.rule for problem in check(files, 6)}
     assert result <= {LOOP_WITHOUT_WAIT}
 
 
 def test_page_has_every_name_of_config() -> None:
-    names = re.findall(r"(?m)^'?#define (\w+)", FILES['config.inc'])
+    names = re.findall(r"(?m)^'?#define (\w+)", OUR_FILES['config.inc'])
     written = set(re.findall(r'`([A-Z]\w*|…_\w+|\w+_…)`', PAGE))
     patterns = [item.replace('…', '') for item in written if '…' in item]
     for name in names:
@@ -62,9 +44,9 @@ def test_page_has_every_name_of_config() -> None:
 
 
 def test_page_has_every_error_number_of_the_program() -> None:
-    numbers = re.findall(r'nError=(\d+)', FILES['UserErrors.dat'])
+    numbers = re.findall(r'nError=(\d+)', OUR_FILES['UserErrors.dat'])
     numbers += re.findall(
-        r'(?m)^#define \w+ (\d{4})$', FILES['messages.inc'].split('numbers in STATUS')[1]
+        r'(?m)^#define \w+ (\d{4})$', OUR_FILES['messages.inc'].split('numbers in STATUS')[1]
     )
     for number in numbers:
         assert f'| {number} |' in PAGE, number
@@ -83,72 +65,7 @@ def test_measurement_of_the_page_returns_the_acceleration_times(caplog) -> None:
     assert float(ramp) == pytest.approx(float(wanted['RAMP_MS']), abs=2.0)
 
 
-PORTS = {
-    test_state_server: STATE_PORT,
-    test_motion_server: MOTION_PORT,
-    test_motion_rules: MOTION_PORT,
-    test_io_server: IO_PORT,
-    test_conditions: MOTION_PORT,
-}
-
-ENDLESS = {'io.prg', 'main.prg', 'motion.prg', 'state.prg'}
-
-BEHIND_A_LOOP = 'Fend'
-"""Tasks never end: the Fend of their functions is not reached."""
-
-LINES_OF_BYTES = 'bytes.prg'
-"""Covered by test_bytes.py."""
-
-
-def _parameters(test: Callable[..., None]) -> Iterator[dict[str, object]]:
-    """Yield the parameters that pytest gives to a test of the SPEL+ program."""
-    marks = [mark.args for mark in getattr(test, 'pytestmark', []) if mark.name == 'parametrize']
-    rows = []
-    for names, values in marks:
-        names = (names,) if isinstance(names, str) else names
-        values = [(item,) if len(names) == 1 else item for item in values]
-        rows.append([dict(zip(names, item, strict=True)) for item in values])
-    for chosen in product(*rows):
-        given = {name: value for row in chosen for name, value in row.items()}
-        if given.get('server', 'spel') == 'spel':
-            yield given
-
-
-def _run(test: Callable[..., None], port: int, given: dict[str, object], caplog: object) -> None:
-    names = inspect.signature(test).parameters
-    if 'server' in names:
-        given['server'] = motion_server('spel')
-    if 'caplog' in names:
-        given['caplog'] = caplog
-    if 'harness' in names:
-        given['harness'] = harness = RobotHarness()
-    if 'client' in names:
-        given['client'] = client = harness.client(port)
-        client.raw()
-    test(**given)
-
-
-@pytest.mark.slow
-def test_every_statement_is_executed(caplog) -> None:
-    """The tests of the servers and of main execute every line of the program."""
-    with executed_lines() as lines:
-        for module, port in PORTS.items():
-            for name, test in vars(module).items():
-                if name.startswith('test_'):
-                    for given in _parameters(test):
-                        _run(test, port, given, caplog)
-    missing = {
-        (file, number, FILES[file].split('\n')[number - 1].strip())
-        for file, result in lines.items()
-        for number, executed in result.items()
-        if not executed and file != LINES_OF_BYTES
-    }
-    behind = {item for item in missing if item[2] == BEHIND_A_LOOP and item[0] in ENDLESS}
-    assert sorted(missing - behind) == []
-    assert {name for name in FILES if name.endswith('.prg')} == lines.keys()
-
-
-FUNCTIONS = {each.name: each for file in build(FILES).files for each in file.functions}
+FUNCTIONS = {each.name: each for file in build(OUR_FILES).files for each in file.functions}
 ARITHMETIC = ('+', '-', '*', '/', 'mod', 'and')
 
 
@@ -162,10 +79,10 @@ def test_program_uses_only_old_syntax() -> None:
     """Assigned comparisons have brackets, and SetNet names its protocol."""
     for node in walk([function.body for function in FUNCTIONS.values()]):
         if isinstance(node, Assign) and isinstance(node.value, Binary):
-            line = FILES[node.at.file].split('\n')[node.at.line - 1]
+            line = OUR_FILES[node.at.file].split('\n')[node.at.line - 1]
             value = line[node.target.at.column - 1 :].partition(' = ')[2]
             assert node.value.operator in ARITHMETIC or value.startswith('('), line
-    for arguments in re.findall(r'(?m)^ *SetNet (.*)$', ''.join(FILES.values())):
+    for arguments in re.findall(r'(?m)^ *SetNet (.*)$', ''.join(OUR_FILES.values())):
         assert arguments.endswith('CRLF, NONE, 2')
 
 
@@ -190,4 +107,4 @@ def test_program_uses_only_old_syntax() -> None:
     ids=str,
 )
 def test_linter_finds_nothing_with_any_switch(version: int, switches: dict[str, str]) -> None:
-    assert [str(problem) for problem in check(changed(**switches), version)] == []
+    assert [str(problem) for problem in check(with_defines(OUR_FILES, switches), version)] == []

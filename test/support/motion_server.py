@@ -6,12 +6,10 @@ import struct
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.simple_message import ByteOrder
 from support.controller_harness import LIMITS, SUCCESS, Harness, InlinePlanner, frame, split
-from support.robot_program import RobotHarness
+from support.spel_program_harness import OurProgramHarness
 
 BUILT_IN = {'smooth': 'simulated', 'ptp': 'simulated', 'fanuc': 'fanuc', 'abb': 'abb'}
 """Profile of each kind of the built-in program."""
@@ -103,34 +101,32 @@ class BuiltIn(MotionServer):
 
 
 class SpelServer(MotionServer):
-    """The SPEL+ program on a simple robot."""
+    """The SPEL+ program of the profile `spel`."""
 
     limit_tolerance = 2e-5
     pending_limit = 250
 
     def __init__(self) -> None:
         super().__init__('spel')
-        self.harness = RobotHarness()
-        self.robot = self.harness.robot
-        self.robot.joints = (0.0,) * 6
-        self.client = self.harness.client()
-        self.run, self.rest, self.take = self.harness.run, self.harness.rest, self.client.raw
-        self.send = self._send
+        self.harness = OurProgramHarness()
+        self.client = self.harness.ready()
+        self.run, self.rest = self.harness.step, self.harness.rest
+        self.send, self.take = self._send, self.client.raw
 
     @property
     def joints(self) -> Any:
         """The joint positions, rad."""
-        return np.radians(self.robot.position)
+        return self.harness.position
 
     @property
     def moving(self) -> bool:
         """Whether the arm moves."""
-        return self.robot.move_now is not None
+        return self.harness.controller.in_motion
 
     @property
     def error(self) -> Any:
         """The error number of the last refused point."""
-        return self.harness.shared('g_point_error')
+        return self.harness.variable('g_point_error')
 
     def _send(self, *frames: bytes) -> None:
         for data in frames:
@@ -140,27 +136,13 @@ class SpelServer(MotionServer):
 
     def do(self, *events: str) -> None:
         """Apply the events of an operator."""
-        for event in events:
-            if event == 'motors on':
-                self.robot.motors = True
-            elif event == 'motors off':
-                self.robot.halt()
-            elif event == 'E-stop press':
-                self.harness.press_estop()
-            elif event == 'pause':
-                self.harness.machine.pause()
-            elif event == 'continue':
-                self.harness.machine.resume()
-            else:
-                raise ValueError(event)
+        self.harness.do(*events)
         self.run(0.1)
 
     def next_client(self) -> None:
         """Replace the client and enable the arm."""
         self.client.leave()
-        self.run(0.5)
-        self.harness.enable()
-        self.client = self.harness.client()
+        self.client = self.harness.ready()
         self.take = self.client.raw
 
 

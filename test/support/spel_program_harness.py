@@ -4,13 +4,13 @@
 
 import logging
 import re
-import struct
 from textwrap import dedent
 from typing import Any
 
 import numpy as np
 
 from epson_driver.profiles.profile import load_controller_profile
+from epson_driver.share import share_path
 from epson_driver.sim_controller.assembly import (
     new_controller,
     profile_project,
@@ -18,10 +18,12 @@ from epson_driver.sim_controller.assembly import (
 )
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.spel_host.spel_program import SpelSource
-from epson_driver.spel import build, with_defines
-from support.controller_harness import MODEL, PROFILE, SUCCESS, Peer, point, split
+from epson_driver.simple_message import LITTLE_ENDIAN, Framer, Status, decode, encode
+from epson_driver.spel import build, read_project, with_defines
+from support.controller_harness import MODEL, PROFILE, SUCCESS, Peer, point
 
 SPEL_PROFILE = load_controller_profile('spel')
+OUR_FILES = read_project(share_path('controller_program'))
 STEP_S = 0.002
 
 
@@ -101,6 +103,56 @@ class SpelProgramHarness:
         assert acceleration <= 1.01
 
 
+class ProgramClient:
+    """A client of one port of controller_program/."""
+
+    def __init__(self, harness, port):
+        self.harness = harness
+        self.connection, self.peer = harness.client(port)
+        self.send_bytes, self.raw = self.connection.receive, self.peer.take
+        self.leave = self.connection.closed
+        self._framer = Framer(LITTLE_ENDIAN.byte_order)
+
+    @property
+    def open(self):
+        """Whether the program has kept the connection."""
+        return self.peer.ended is None
+
+    def send(self, *packets):
+        self.send_bytes(b''.join(encode(packet, LITTLE_ENDIAN) for packet in packets))
+
+    def packets(self):
+        """Return the messages received since the last call."""
+        self._framer.receive_data(self.raw())
+        return [decode(frame) for frame in iter(self._framer.next_frame, None)]
+
+    def status(self):
+        """Return the next STATUS of the state port."""
+        self.packets()
+        self.harness.step(0.15)
+        return next(item.message for item in self.packets() if isinstance(item.message, Status))
+
+    def replies(self):
+        """Return sequence and reply code of the replies to points since the last call."""
+        return [(item.message.sequence, int(item.reply_code)) for item in self.packets()]
+
+    def stream(self, *points, most=60.0):
+        """Send points like the driver, each after the previous reply. Return the replies."""
+        replies = []
+        for data in points:
+            self.send_bytes(data)
+            self.harness.until(lambda: self.peer.got, most)
+            replies += self.replies()
+        return replies
+
+    def execute(self, trajectory):
+        """Send a trajectory, and assert that each point is accepted."""
+        durations = np.diff(trajectory.times, prepend=trajectory.times[0]).tolist()
+        ways = zip(trajectory.positions.tolist(), durations, strict=True)
+        points = [point(number, joints, 0.0, time) for number, (joints, time) in enumerate(ways)]
+        assert self.stream(*points) == [(number, SUCCESS) for number in range(len(points))]
+
+
 class OurProgramHarness(SpelProgramHarness):
     """A controller with controller_program/ in the profile `spel`, changed by `defines`."""
 
@@ -114,33 +166,37 @@ class OurProgramHarness(SpelProgramHarness):
         source = SpelSource(_built[key], network)
         self._start(new_controller(model, profile, start, spel=source), caplog)
 
+    @property
+    def now(self):
+        """The controller's time, s."""
+        return self.controller.clock.now
+
+    def connect(self, port='motion'):
+        """Wait until the program has opened the port, and connect."""
+        self.step(0.5)
+        client = ProgramClient(self, port)
+        self.step(0.3)
+        return client
+
     def ready(self):
-        """Switch motors on, connect a motion client, and return the connection and its peer."""
+        """Switch motors on, and connect a motion client."""
         self.step(0.5)
         self.do('motors on')
-        motion, peer = self.client('motion')
-        self.step(0.3)
-        return motion, peer
+        return self.connect()
 
-    def replies(self, peer):
-        """Return sequence and reply code of the replies to a motion client since the last call."""
-        return [
-            (struct.unpack_from('<i', body)[0], code) for _, _, code, body in split(peer.take())
-        ]
-
-    def stream(self, motion, peer, trajectory, most=60.0):
-        """Send a trajectory like the driver, each point after the previous reply."""
-        durations = np.diff(trajectory.times, prepend=trajectory.times[0]).tolist()
-        for number, (joints, seconds) in enumerate(
-            zip(trajectory.positions.tolist(), durations, strict=True)
-        ):
-            motion.receive(point(number, joints, 0.0, seconds))
-            self.until(lambda: len(peer.got) >= 60, most)
-            assert self.replies(peer) == [(number, SUCCESS)]
+    def variable(self, name):
+        """Return the value of a global variable of the program."""
+        world = self.controller.program.machine.world
+        names = [variable.name.lower() for variable in world.program.variables]
+        return world.g[names.index(name)]
 
     def rest(self, most=60.0):
-        """Advance the time until shortly after the arm has come to rest."""
-        self.until(lambda: not self.controller.in_motion, most)
+        """Advance the time until the arm is at rest without points."""
+        self.step(0.3)
+        program = self.variable
+        self.until(
+            lambda: not self.controller.in_motion and program('g_head') == program('g_tail'), most
+        )
         self.step(0.1)
 
 

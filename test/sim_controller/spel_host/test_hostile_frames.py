@@ -57,27 +57,22 @@ def test_many_hostile_frames_move_nothing(count, caplog):
     caplog.set_level(logging.CRITICAL)
     chance = random.Random(16)
     harness = OurProgramHarness(LOST_CLIENT_MOTORS_OFF='')
-    harness.step(0.5)
-    harness.do('motors on')
+    harness.ready().leave()
     sent = 0
     while sent < count:
         port = chance.choice(['motion', 'motion', 'state', 'io'])
-        connection, peer = harness.client(port)
+        client = harness.connect(port)
         for number in range(PER_CLIENT):
-            connection.receive(hostile_frame(chance))
+            client.send_bytes(hostile_frame(chance))
             sent += 1
             if number % PER_STEP == 0:
                 harness.controller.step(0.05)
-            if peer.ended is not None:
+            if not client.open:
                 break
-        connection.closed()
-        harness.controller.step(0.3)
+        client.leave()
         assert not np.any(harness.position)
     names = [row.name for row in harness.controller.tasks()]
     assert names == ['main', 'BgMain', 'MotionServer', 'StateServer', 'IoServer']
     assert harness.controller.condition.powered
-    motion, peer = harness.client('motion')
-    harness.step(0.5)
-    motion.receive(point(0, [0.1, *[0.0] * 5], 0.0, 0.5))
-    harness.until(lambda: harness.replies(peer) == [(0, SUCCESS)])
+    assert harness.connect().stream(point(0, [0.1, *[0.0] * 5], 0.0, 0.5)) == [(0, SUCCESS)]
     harness.until(lambda: abs(harness.position[0] - 0.1) < 1e-6)

@@ -3,13 +3,12 @@
 """controller_program/ on the simulated controller: its arm, reboots, the state, pauses."""
 
 import logging
-import struct
 import subprocess
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.controller_harness import FAILURE, MODEL, STOP, SUCCESS, point, split
+from support.controller_harness import FAILURE, MODEL, STOP, SUCCESS, point
 from support.examples import one_in
 from support.longer_arm import arm_model
 from support.sim_process import COMMAND
@@ -24,6 +23,7 @@ from epson_driver.report.measure import Recording, measure
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_path
 from epson_driver.sim_controller.assembly import profile_project
+from epson_driver.simple_message import JointPosition, Status
 from epson_driver.trajectory_file import read_trajectory
 
 PROFILE = load_controller_profile('spel')
@@ -48,13 +48,13 @@ def slow_trajectory(end, seconds, count=31):
 
 
 def moving(**options):
-    """Return a harness in motion, its motion client and the client's peer."""
+    """Return a harness in motion, and its motion client."""
     harness = OurProgramHarness(**options)
-    motion, peer = harness.ready()
+    client = harness.ready()
     for number, joints in enumerate(slow_trajectory(FAR, 12.0).positions[:20].tolist()):
-        motion.receive(point(number, joints, 0.0, 0.4))
+        client.send_bytes(point(number, joints, 0.0, 0.4))
     harness.until(lambda: harness.position[0] > 0.2)
-    return harness, motion, peer
+    return harness, client
 
 
 def assert_still(harness):
@@ -64,21 +64,19 @@ def assert_still(harness):
     assert np.array_equal(harness.position, stopped)
 
 
-def assert_moves(harness, motion, peer):
+def assert_moves(harness, client):
     """Assert that a new trajectory of the client is executed."""
-    harness.replies(peer)
+    client.raw()
     target = harness.position + np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
-    motion.receive(point(0, target.tolist(), 0.0, 1.0))
-    harness.until(lambda: len(peer.got) >= 60)
-    assert harness.replies(peer) == [(0, SUCCESS)]
+    assert client.stream(point(0, target.tolist(), 0.0, 1.0)) == [(0, SUCCESS)]
     harness.until(lambda: np.abs(harness.position - target).max() < 1e-6)
     harness.rest()
 
 
-def status(state):
-    """Return the newest STATUS that a state client has got."""
-    bodies = [body for kind, _, _, body in split(state.take()) if kind == 13]
-    return struct.unpack('<7i', bodies[-1])
+def newest(state, kind):
+    """Return the newest message of a kind that a state client has got."""
+    messages = [packet.message for packet in state.packets()]
+    return next(message for message in reversed(messages) if isinstance(message, kind))
 
 
 @pytest.mark.parametrize(
@@ -94,9 +92,9 @@ def test_inv2_plan_is_executed_smoothly_within_limits(name, slower, deviation):
     """No interior stop, in little more than the planned time."""
     planned = plan(name)
     harness = OurProgramHarness(planned.positions[0])
-    motion, peer = harness.ready()
+    client = harness.ready()
     start = len(harness.positions)
-    harness.stream(motion, peer, smoothed_by_the_driver(planned))
+    client.execute(smoothed_by_the_driver(planned))
     harness.rest()
     positions = np.array(harness.positions[start:])
     times = np.arange(len(positions)) * STEP_S
@@ -113,38 +111,33 @@ def test_inv2_plan_is_executed_smoothly_within_limits(name, slower, deviation):
 def test_inv8_state_is_the_encoder_position():
     """JOINT_POSITION contains whole encoder pulses, converted to binary32."""
     harness = OurProgramHarness()
-    motion, peer = harness.ready()
-    _, state = harness.client('state')
-    harness.stream(motion, peer, slow_trajectory([0.7, -0.3, 0.4, 0.2, 0.6, -0.9], 3.0, 11))
+    client, state = harness.ready(), harness.connect('state')
+    client.execute(slow_trajectory([0.7, -0.3, 0.4, 0.2, 0.6, -0.9], 3.0, 11))
     harness.rest()
-    harness.step(0.5)
-    state.take()
-    harness.step(0.1)
-    bodies = [body for kind, _, _, body in split(state.take()) if kind == 10]
-    shown = np.array(struct.unpack_from('<6f', bodies[-1], 4))
+    harness.step(0.6)
+    shown = np.array(newest(state, JointPosition).joints[:6])
     pulses = np.rint(harness.controller.servo.position * MODEL.pulses_per_unit)
     assert np.abs(shown - pulses / MODEL.pulses_per_unit).max() < 1e-7
-    assert 8 <= len(bodies) <= 11
 
 
 @pytest.mark.invariant(3)
 def test_inv3_stop_brakes_within_limits():
-    harness, motion, peer = moving()
-    harness.replies(peer)
-    motion.receive(point(STOP))
-    harness.until(lambda: (STOP, SUCCESS) in harness.replies(peer), 0.1)
+    harness, client = moving()
+    client.raw()
+    client.send_bytes(point(STOP))
+    harness.until(lambda: (STOP, SUCCESS) in client.replies(), 0.1)
     start = len(harness.positions)
     harness.until(lambda: not harness.controller.in_motion, 1.0)
     assert (len(harness.positions) - start) * STEP_S < 0.5
     assert_still(harness)
     harness.assert_within_limits()
-    assert_moves(harness, motion, peer)
+    assert_moves(harness, client)
 
 
 @pytest.mark.invariant(4)
 def test_inv4_reboot_restarts_the_program():
     """Also at times affected by rounding, because the tasks' time starts at the boot."""
-    harness, _, _ = moving()
+    harness, _ = moving()
     harness.controller.reboot(0.3)
     assert_still(harness)
     assert not harness.controller.condition.powered
@@ -152,23 +145,20 @@ def test_inv4_reboot_restarts_the_program():
         harness.controller.step(seconds / 3.0)
         harness.controller.reboot(seconds)
         harness.step(1.0)
-    motion, peer = harness.client('motion')
-    _, state = harness.client('state')
-    harness.do('motors on')
+    client, state = harness.ready(), harness.connect('state')
     assert_still(harness)
-    assert status(state)[-1] == 1
-    assert_moves(harness, motion, peer)
+    assert newest(state, Status).motion_possible == 1
+    assert_moves(harness, client)
 
 
 def test_shipped_program_moves_at_low_power_and_logs_it(caplog):
     caplog.set_level(logging.INFO)
     harness = OurProgramHarness(caplog=caplog, FULL_POWER='')
-    motion, peer = harness.ready()
-    start = harness.controller.clock.now
-    harness.stream(motion, peer, slow_trajectory([1.0, *HOME[1:]], 0.5, 3))
-    harness.until(lambda: harness.controller.in_motion)
+    client = harness.ready()
+    start = harness.now
+    client.execute(slow_trajectory([1.0, *HOME[1:]], 0.5, 3))
     harness.rest()
-    assert harness.controller.clock.now - start > 2.0
+    assert harness.now - start > 2.0
     velocity, _ = harness.within_limits()
     assert velocity <= 0.0501
     assert harness.printed == ['Low power, slower than planned: FULL_POWER is off in config.inc']
@@ -197,20 +187,14 @@ def test_scara_moves_and_reports_its_joints():
     files = profile_project(PROFILE, model)
     assert '#define JOINT_COUNT 4' in files['config.inc']
     harness = OurProgramHarness(start=[0.1, 0.2, -0.05, 0.3], model=model)
-    motion, peer = harness.ready()
-    _, state = harness.client('state')
-    motion.receive(point(0, (0.3, -0.4, -0.1, 1.0), 0.0, 1.0))
-    harness.until(lambda: len(peer.got) >= 60)
-    assert harness.replies(peer) == [(0, SUCCESS)]
-    harness.until(lambda: harness.controller.in_motion)
+    client, state = harness.ready(), harness.connect('state')
+    assert client.stream(point(0, (0.3, -0.4, -0.1, 1.0), 0.0, 1.0)) == [(0, SUCCESS)]
     harness.rest()
     assert harness.position == pytest.approx([0.3, -0.4, -0.1, 1.0], abs=1e-5)
-    joints = [body for kind, *_, body in split(state.take()) if kind == 10][-1]
-    reported = struct.unpack_from('<10f', joints, 4)
-    assert reported == pytest.approx([0.3, -0.4, -0.1, 1.0, *[0.0] * 6], abs=1e-5)
-    motion.receive(point(0, (0.3, -0.4, 0.02, 1.0), 0.0, 1.0))
-    harness.step(0.3)
-    assert harness.replies(peer) == [(0, FAILURE)]
+    assert newest(state, JointPosition).joints == pytest.approx(
+        [0.3, -0.4, -0.1, 1.0, *[0.0] * 6], abs=1e-5
+    )
+    assert client.stream(point(0, (0.3, -0.4, 0.02, 1.0), 0.0, 1.0)) == [(0, FAILURE)]
 
 
 @pytest.mark.parametrize(
