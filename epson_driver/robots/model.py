@@ -103,6 +103,10 @@ class RobotModel:
         return self.limits.names
 
     @property
+    def sales_name(self) -> str:
+        return self.name.upper().replace('_', '-')
+
+    @property
     def kind(self) -> str:
         return _KINDS.get(self.joint_types, f'{len(self.joint_types)} joints')
 

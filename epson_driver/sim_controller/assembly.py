@@ -218,7 +218,7 @@ def robot_defines(files: Mapping[str, str], model: RobotModel) -> dict[str, str]
     result['T100_MS'] = f'{max(limits.velocity / limits.acceleration) * _MS:.0f}'
     result['RAMP_MS'] = f'{max(limits.acceleration / limits.jerk) * _MS:.0f}'
     result |= {'JOINT_COUNT': str(joints), 'SCARA': '1' if scara else ''}
-    result['ROBOT_MODEL'] = f'"{model.name.upper().replace("_", "-")}"'
+    result['ROBOT_MODEL'] = f'"{model.sales_name}"'
     existing = _defined(files)
     return {name: value for name, value in result.items() if name in existing}
 

@@ -138,12 +138,13 @@ def quit_task(task: Task, which: int | str | None) -> None:
     world.host.command('quit all', (), ())
 
 
-def halt(task: Task, which: int | str | None) -> None:
-    _other(task, which or task.number).halted = True
+def halt(task: Task, which: int | str) -> None:
+    _other(task, which).halted = True
 
 
 def resume(task: Task, which: int | str | None) -> None:
-    _other(task, which or task.number).halted = False
+    for item in task.world.tasks.values() if which is None else [_other(task, which)]:
+        item.halted = False
 
 
 def task_wait(task: Task, which: int | str | None) -> None:

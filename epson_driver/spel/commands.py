@@ -87,7 +87,7 @@ class CommandRule:
 
 _FORMS = """
 @: If Select Do For Exit Return Call OnErr EResume Redim Xqt Wait Trap Print Input SetNet OpenNet
-@: CloseNet Here Local Pallet Pass
+@: CloseNet Here Local Pallet Pass PList
 @jump: GoTo GoSub
 @task_command: Quit Halt Resume TaskWait StartMain
 @line_input: Line
@@ -113,7 +113,6 @@ x,s,v: FmtStr
 q,n: PLocal
 q,s: PLabel
 q,q?: PDel
-q?,q?: PList
 q?,n?: Hand
 """
 """Statements that the interpreter executes. A bare `@` stands for `@` and the statement's name."""
@@ -144,6 +143,9 @@ w(Error)?: Reset
 n*: {' '.join(WITHOUT_EFFECT)}
 """
 """Statements that the host executes."""
+
+DISPLAYING = frozenset({'arch', 'find', 'local', 'pallet', 'pulse', 'sense', 'till'})
+"""Statements that display values if they have no argument. This is not simulated."""
 
 MOVING = frozenset({'home', 'jtran', 'ptran'})
 """Statements that the host executes, and that move the arm without a target point."""

@@ -407,6 +407,7 @@ class Compiler:
             '@set_net': 'isin',
             '@open': 'si',
             '@local': 'i' + 'p' * (count - 1),
+            '@plist': 'q' * count,
             '@pallet': 'i' + 'p' * (count - 3) + 'ii',
         }.get(rule.form, '')
         codes = []

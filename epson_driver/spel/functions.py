@@ -61,11 +61,10 @@ value i,i,i,i,i?,i?,i? p: Pulse
 task p,p?,i? p: LJM
 task i p: P Local
 task i,i,i? p: Pallet
-task q i: PDef PNumber
+task q i: PDef PNumber PLocal
 task q s: PLabel$
 task p? i: Hand
 task p,p f: Dist
-task p i: PLocal
 task i,i f: Arch
 task i i: LocalDef Time ChkNet OpenNet Eof Lof*
 task i i: Sw* In* InW* Oport* Out* OutW* MemSw* MemIn* MemInW* InBCD*

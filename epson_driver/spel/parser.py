@@ -7,11 +7,11 @@ continues with the next line, so one run reports all problems.
 """
 
 from collections.abc import Container, Iterable, Iterator
-from dataclasses import replace
 
 from epson_driver.inputs import near_name
 from epson_driver.spel.commands import (
     COMMANDS,
+    DISPLAYING,
     KEYWORDS,
     SHOWN,
     SHOWN_IN_LOW_POWER,
@@ -20,10 +20,9 @@ from epson_driver.spel.commands import (
 )
 from epson_driver.spel.errors import Position, Problem, SyntaxProblem
 from epson_driver.spel.expressions import Reader, is_point_literal
-from epson_driver.spel.functions import POINT_FLAGS
 from epson_driver.spel.lexer import NAME, STRING, Token
 from epson_driver.spel.preprocess import Line
-from epson_driver.spel.statements import Statements
+from epson_driver.spel.statements import Statements, coordinates
 from epson_driver.spel.syntax import (
     Apply,
     Argument,
@@ -45,7 +44,6 @@ from epson_driver.spel.syntax import (
     Name,
     Number,
     Parameter,
-    PointFlag,
     Print,
     Select,
     Statement,
@@ -272,7 +270,7 @@ class Parser(Statements):
         reader.step()
         if reader.at_end() and word in SHOWN:
             return _displayed(first)
-        if reader.at_end() and rule.robot and rule.needs_arguments:
+        if reader.at_end() and (word in DISPLAYING or (rule.robot and rule.needs_arguments)):
             return [self.read_stub(reader, first)]
         if rule.form.startswith('@'):
             method = getattr(self, rule.form.replace('@', 'read_'))
@@ -447,27 +445,9 @@ def _assignment(reader: Reader, word: str) -> Assign | None:
     at = reader.need('=').position
     value = reader.expression()
     if reader.sees(',') and (target.name.lower() == 'p' or is_point_literal(target.name)):
-        value = _coordinates(value, reader)
+        value = coordinates(value, reader)
     reader.end()
     return Assign(target, value, at)
-
-
-def _coordinates(first: Expression, reader: Reader) -> Expression:
-    """Parse the rest of `P1 = 300, 200, -50 /L`, an old form of `XY( )` (SPEL+ manual p590)."""
-    values = [first]
-    while reader.takes(','):
-        values.append(reader.expression())
-    flags: list[PointFlag] = []
-    while isinstance(last := values[-1], Binary) and last.operator == '/':
-        word = last.right.name if isinstance(last.right, Name) else ''
-        if word.lower() not in POINT_FLAGS:
-            raise SyntaxProblem(last.at, 'expected a posture of the point')
-        flags.insert(0, PointFlag(last.left, word.lower(), last.at))
-        values[-1] = last.left
-    point: Expression = Apply('XY', tuple(Argument(value) for value in values), first.at)
-    for flag in flags:
-        point = replace(flag, point=point)
-    return point
 
 
 def _case_item(reader: Reader) -> CaseItem:

@@ -87,8 +87,8 @@ def load_points(task: Task, name: str, words: tuple[str, ...] = ()) -> None:
 
 def save_points(task: Task, name: str) -> None:
     """Execute `SavePoints name` (SPEL+ manual p712)."""
-    if ' ' in name or not name.lower().endswith('.pts'):
-        raise bad('SavePoints', f'{name}: must be a name without blanks that ends in .pts')
+    if set(' /\\:') & set(name) or not name.lower().endswith('.pts'):
+        raise bad('SavePoints', f'{name}: must be a name without blanks or path, and end in .pts')
     world = task.world
     when = datetime(2000, 1, 1, tzinfo=UTC)
     text = points_of(world.points, _written_labels(task), when)
@@ -194,7 +194,7 @@ POINT_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'dist': distance,
     'ljm': _least_motion,
     'arch': _arch,
-    'plocal': lambda _task, of: local_of(of),
+    'plocal': lambda task, number: local_of(point(task, number)),
     'local': _local,
     'localdef': lambda task, number: -(number in task.world.locals),
     'hand': _hand,

@@ -9,7 +9,7 @@ from dataclasses import replace
 from epson_driver.spel.commands import TASK_TYPE_WORDS, TRAP_EVENTS
 from epson_driver.spel.errors import SyntaxProblem
 from epson_driver.spel.expressions import Reader
-from epson_driver.spel.functions import AXES
+from epson_driver.spel.functions import AXES, POINT_FLAGS
 from epson_driver.spel.lexer import END, NAME, Token
 from epson_driver.spel.project_data import LAST_POINT
 from epson_driver.spel.syntax import (
@@ -31,6 +31,7 @@ from epson_driver.spel.syntax import (
     Name,
     Number,
     OnErr,
+    PointFlag,
     Print,
     Redim,
     Return,
@@ -103,7 +104,9 @@ class Statements:
             else:
                 if kind == '#':
                     reader.need('#')
-                arguments.append(reader.argument().value)
+                value = reader.argument().value
+                point = kind == 'p' and reader.sees(',')
+                arguments.append(coordinates(value, reader) if point else value)
         return Command(first.text, tuple(arguments), first.position, tuple(words))
 
     # Structure
@@ -183,7 +186,7 @@ class Statements:
 
     def read_task_command(self, reader: Reader, first: Token) -> TaskCommand:
         here = reader.here
-        if first.lower == 'quit' and reader.takes('all'):
+        if first.lower in ('quit', 'resume') and reader.takes('all'):
             return TaskCommand(first.text, None, '', first.position)
         if here.kind == NAME and here.lower in self._functions and reader.look(1).kind == END:
             reader.step()
@@ -352,6 +355,14 @@ class Statements:
         reader.takes('#')
         return Command(first.text, (name, reader.expression()), first.position)
 
+    def read_plist(self, reader: Reader, first: Token) -> Command:
+        """Parse `PList [first[, [last]]]`. With a comma and no `last`, the last point is 999."""
+        given = [] if reader.at_end() else [reader.expression()]
+        if reader.takes(','):
+            last = Number(LAST_POINT, first.position) if reader.at_end() else reader.expression()
+            given.append(last)
+        return Command(first.text, tuple(given), first.position)
+
     def read_pallet(self, reader: Reader, first: Token) -> Command:
         """Parse `Pallet [Outside,] n, P1, P2, P3[, P4], columns, rows`."""
         words = ('outside',) if reader.takes('outside') else ()
@@ -502,6 +513,24 @@ class Statements:
             else:
                 arguments.append(_without_local(reader.argument()))
         return Stub(first.text, tuple(arguments), tuple(indices), first.position)
+
+
+def coordinates(first: Expression, reader: Reader) -> Expression:
+    """Parse the rest of `P1 = 300, 200, -50 /L`, an old form of `XY( )` (SPEL+ manual p590)."""
+    values = [first]
+    while reader.takes(','):
+        values.append(reader.expression())
+    flags: list[PointFlag] = []
+    while isinstance(last := values[-1], Binary) and last.operator == '/':
+        word = last.right.name if isinstance(last.right, Name) else ''
+        if word.lower() not in POINT_FLAGS:
+            raise SyntaxProblem(last.at, 'expected a posture of the point')
+        flags.insert(0, PointFlag(last.left, word.lower(), last.at))
+        values[-1] = last.left
+    point: Expression = Apply('XY', tuple(Argument(value) for value in values), first.at)
+    for flag in flags:
+        point = replace(flag, point=point)
+    return point
 
 
 def _without_local(argument: Argument) -> Argument:

@@ -151,7 +151,6 @@ VALUES = {
     'robotname$': ('RobotName$ + "|"', '|'),
     'limz': ('LimZ', '0'),
     'arch': ('Arch(0, 1)', '30'),
-    'plocal': ('PLocal(XY(0, 0, 0, 0) /2)', '2'),
     'ljm': ('CX(LJM(XY(1, 2, 3, 4), Here))', '1'),
     'cp': ('CP', '0'),
     'ptptime': ('PTPTime(XY(0, 0, 0, 0), 0, 0)', '0'),
@@ -160,7 +159,7 @@ VALUES = {
 
 WITH_VARIABLES = {
     'parsestr', 'ubound', 'p', 'pdef', 'pallet', 'local', 'eof',
-    'ionumber',
+    'ionumber', 'plocal',
 }  # fmt: skip
 """Functions that are tested with a program, below or in test_types.py."""
 

@@ -21,6 +21,12 @@ PROGRAMS = {
         'Function main\n  Xqt t\n  Wait 0.1\n  Quit t\n  Quit 7\n  Print "over"\nFend',
         't|over',
     ),
+    'p690 Resume All continues halted tasks': (
+        'Function t\n  Wait 0.2\n  Print "t"\nFend\n'
+        'Function main\n  Xqt 2, t\n  Wait 0.1\n  Halt t\n  Wait 1\n  Print TaskState(t)\n'
+        '  Resume All\n  TaskWait t\nFend',
+        '3|t',
+    ),
     'p758 a signal wakes waiting tasks': (
         'Function t\n  Wait 0.1\n  Signal 1\nFend\n'
         'Function main\n  Xqt t\n  WaitSig 1\n  Print "woken"\nFend',

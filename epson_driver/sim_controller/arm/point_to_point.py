@@ -340,11 +340,15 @@ class PointToPoint:
             self._rest = ended.motion.end
             ended.statement.executed = True
 
-    def _skip(self, position: Array) -> None:
-        """Skip the next statements as long as their target is `position`, compared as float32."""
-        while self._queue and np.array_equal(
+    def _stays(self, position: Array) -> bool:
+        """Return whether the target of the next statement is `position`, compared as float32."""
+        return bool(self._queue) and np.array_equal(
             position.astype(np.float32), self._queue[0].target.astype(np.float32)
-        ):
+        )
+
+    def _skip(self, position: Array) -> None:
+        """Skip the next statements as long as their target is `position`."""
+        while self._stays(position):
             statement = self._queue.popleft()
             statement.executed = True
             self._mark_started(statement)
@@ -375,8 +379,9 @@ class PointToPoint:
 
     def _blend(self) -> None:
         last = self._segments[-1]
-        self._skip(last.motion.end)
-        if not self._queue or self.low_power is not last.low_power:
+        if self._queue and self._queue[0].cp:  # any other statement ends when the arm is at rest
+            self._skip(last.motion.end)
+        if not self._queue or self._stays(last.motion.end) or self.low_power is not last.low_power:
             return
         statement = self._queue[0]
         if statement.path is not None or last.statement.path is not None:

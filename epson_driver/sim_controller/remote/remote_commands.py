@@ -163,7 +163,8 @@ def _login(dialogue: Dialogue, parameters: list[str]) -> None:
     password = dialogue.controller.profile.remote.password
     if password and ''.join(parameters) != password:
         raise CommandError(RemoteErrorNumber.PASSWORD, 'the password is wrong')
-    dialogue.enter()
+    if not dialogue.logged_in:
+        dialogue.enter()
     dialogue.logged_in = True
 
 
@@ -291,7 +292,7 @@ def _get_motor(dialogue: Dialogue, parameters: list[str]) -> str:
 
 def _get_robot_info(dialogue: Dialogue, _: list[str]) -> str:
     model = dialogue.controller.model
-    return f'1,{robot_type(model)},{model.name.upper().replace("_", "-")}'
+    return f'1,{robot_type(model)},{model.sales_name}'
 
 
 def _get_robot_name(dialogue: Dialogue, parameters: list[str]) -> str:

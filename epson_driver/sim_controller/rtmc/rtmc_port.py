@@ -85,7 +85,7 @@ class RtmcPort:
         caps = low_power_caps(model.reach)
         self.motion = TargetMotion(model.limits, controller.arm.commanded, caps, profile.cycle)
         self._units = np.where(np.array(model.limits.units) == 'm', MM_PER_M, 1.0)
-        self._model = model.name.upper().replace('_', '-')
+        self._model = model.sales_name
         self._client: int | None = None
         self._transport: FaultyTransport | None = None  # to the client
         self._pending: Array | None = None  # a target that waits for room in the buffer

@@ -79,7 +79,7 @@ def _motor(robot: RobotContext, _: Arguments, words: Words) -> Completion:
 
 
 def _reset_cp_and_lim_z(robot: RobotContext) -> None:
-    """Set CP and LimZ to their initial values (SPEL+ manual p549)."""
+    """Set CP and LimZ to their initial values (SPEL+ manual p549, p686)."""
     robot.motion.lim_z, robot.motion.cp = 0.0, False
 
 
@@ -95,6 +95,7 @@ def _reset(robot: RobotContext, _: Arguments, _words: Words) -> None:
         text = 'Reset: a program cannot reset an E-stop: release it, then reset by hand'
         raise SpelError(ErrorNumber.TASK_ABORTED, text)
     apply(robot.controller, Event.RESET, ErrorNumber.TASK_ABORTED)
+    _reset_cp_and_lim_z(robot)
 
 
 def _quit_all(robot: RobotContext, _: Arguments, _words: Words) -> None:

@@ -245,7 +245,7 @@ VALUES: dict[str, Callable[[RobotContext, Arguments], Result]] = {
     'tldef': lambda robot, arguments: -(arguments[0] in robot.points.tools),
     'arm': lambda _robot, _: 0,
     'robot': lambda _robot, _: 1,
-    'robotmodel$': lambda robot, _: robot.controller.model.name,
+    'robotmodel$': lambda robot, _: robot.controller.model.sales_name,
     'robotname$': lambda robot, _: robot.controller.model.name,
     'limz': lambda robot, _: robot.motion.lim_z * _MM,
     'cp': lambda robot, _: int(robot.motion.cp),

@@ -54,6 +54,11 @@ def test_correct_password_may_contain_commas():
     assert Remote(harness_with_password('a, b'), login='Login,a, b')('GetStatus').startswith('#')
 
 
+def test_second_login_of_the_only_client_is_accepted():
+    profile = replace(PROFILE, remote=replace(PROFILE.remote, clients=1))
+    assert Remote(Harness(profile=profile))('Login') == '#Login,0'
+
+
 def test_password_is_not_logged(caplog):
     remote = Remote(harness_with_password(), login=None)
     assert remote('Login,not it') == '!Login,13'
