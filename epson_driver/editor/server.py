@@ -11,7 +11,6 @@ import asyncio
 import logging
 import re
 from collections.abc import Iterable, Mapping
-from functools import cache
 from pathlib import Path
 
 from lsprotocol import types as lsp
@@ -20,8 +19,6 @@ from pygls.lsp.server import LanguageServer
 from pygls.uris import from_fs_path, to_fs_path
 
 from epson_driver.editor.projects import Project, Projects, RenameError
-from epson_driver.inputs import read_yaml
-from epson_driver.share import share_path
 from epson_driver.spel import Problem
 from epson_driver.spel.commands import COMMANDS, VERSIONS
 from epson_driver.spel.formatting import formatted
@@ -29,7 +26,7 @@ from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.lint import RULES
 from epson_driver.spel.project_data import INCLUDE, PROGRAM
 from epson_driver.spel.symbols import Place, Symbol
-from epson_driver.spel.words import CONSTANTS, FIRST, SPELLING, WORDS, is_a
+from epson_driver.spel.words import CONSTANTS, FIRST, SPELLING, SYNTAX, WORDS, is_a
 
 DEBOUNCE = 0.3
 
@@ -352,12 +349,6 @@ _ARGUMENTS = {
 }
 
 
-@cache
-def _syntax() -> dict[str, str]:
-    table = read_yaml(share_path('config', 'spel', 'words.yaml'))['syntax']
-    return {name.lower(): syntax for name, syntax in table.items()}
-
-
 def _arguments(form: str) -> str:
     result = ''
     for place, kind in enumerate(form.split(',') if form else []):
@@ -372,8 +363,8 @@ def syntax_of(name: str) -> list[str]:
     key = name.lower()
     lines = []
     rule = COMMANDS.get(key)
-    if key in _syntax():
-        lines.append(_syntax()[key])
+    if key in SYNTAX:
+        lines.append(SYNTAX[key])
     elif rule is not None and not rule.form.startswith('@'):
         lines.append(f'{rule.name} {_arguments(rule.form)}'.rstrip())
     function = FUNCTIONS.get(key)

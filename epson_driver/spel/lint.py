@@ -277,7 +277,7 @@ class _Lint:
             self._numbers,
             lambda: literals(program),
             lambda: unreachable(self.functions),
-            lambda: unproven(self.functions),
+            lambda: unproven(program, files),
             self._use,
         ]
         self._shared = {

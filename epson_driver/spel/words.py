@@ -78,6 +78,9 @@ SPELLING = {name.lower(): name for name, _ in _constants()} | {
 }
 """All words and constants in the manual's case, by name in lower case."""
 
+SYNTAX: dict[str, str] = {name.lower(): text for name, text in _TABLE['syntax'].items()}
+"""Syntax in the manual by name in lower case, of statements whose form starts with `@`."""
+
 EVERY_VERSION = (99, 0, 0)
 
 

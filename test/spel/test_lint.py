@@ -81,7 +81,18 @@ BAD = [
     ('portable', 3, main('  Do While Sw(1) = On\n    Wait 1\n  Loop Until Sw(2) = On')),
     ('portable', 4, main('  Integer a(2)\n  For a(1) = 1 To 2\n    Wait 1\n  Next')),
     ('portable', 3, main('  Go P1 ROT')),
+    ('portable', 3, main('  Pass P1 CP')),  # p604
+    ('portable', 3, main('  Move P1 C0')),  # p549
+    ('portable', 3, main('  Go P1 Till Sw(1) = On Find Sw(2) = On')),  # p353
+    ('portable', 3, main('  Jump P1, LimZ -10')),  # p471
     ('portable', 3, main('  Wait Sw(1) = On And Not Sw(2) = On')),
+    ('portable', 3, main('  Motor 1')),  # p549
+    ('portable', 3, main('  PLocal P1, 2')),  # p634
+    ('portable', 5, main('  If Sw(1) = On Then\n    Print 1\n  Else Print 2\n  EndIf')),  # p419
+    ('portable', 4, main('  Select Sw(1)\n  Default Print 2\n  Send')),  # p714
+    ('portable', 3, main('  WOpen "a" As 30')),  # p892
+    ('portable', 3, main('  Trap 1, Sw(1) = On Call f()') + 'Function f\nFend\n'),  # p851
+    ('portable', 1, 'Declare f, "a.dll"\n' + main('  Print f')),  # p278
     ('portable', 4, main('  Select MemSw(1)\n  Case 1, 2\n    Print 1\n  Send')),
     ('unused', 3, main('  Integer i')),
     ('unused', 5, main('  Print 1') + 'Function nobody\nFend\n'),
