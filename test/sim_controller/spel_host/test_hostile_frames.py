@@ -3,7 +3,7 @@
 """Many hostile frames on the ports of the SPEL+ program with motors on.
 
 The program continues, nothing moves, and the next client is served. Single bad messages are tested
-in test/controller_program/test_motion_server.py.
+in test/controller_program/test_motion_rules.py.
 """
 
 import logging
