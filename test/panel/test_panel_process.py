@@ -287,7 +287,7 @@ def test_restarted_driver_is_queried_again_before_arming(tmp_path: Path) -> None
 
 @pytest.mark.invariant(3)
 def test_one_panel_shows_and_stops_several_robots(tmp_path: Path) -> None:
-    with closing(Fleet(tmp_path, together=True, names=('left', 'right'))) as fleet:
+    with closing(Fleet(tmp_path, together=True)) as fleet:
         fleet.enabled()
         panel = PanelProcess(tmp_path, fleet.domain)
         try:

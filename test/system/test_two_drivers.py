@@ -34,7 +34,7 @@ def is_enabled(answers: Answers) -> bool:
 
 @pytest.mark.invariant(10)
 def test_inv10_second_driver_of_a_name_stops_both_and_no_other(tmp_path: Path) -> None:
-    fleet = Fleet(tmp_path, together=False, names=('left', 'right')).enabled()
+    fleet = Fleet(tmp_path, together=False).enabled()
     left, right = fleet.peers.values()
     other = processes.sim_controller(tmp_path / 'other.log', '--motion=ptp')
     ports = {'left': other.ports()}
