@@ -9,8 +9,6 @@ import asyncio
 import contextlib
 import sys
 import threading
-from collections.abc import AsyncIterator, Callable
-from typing import Any
 
 import pytest
 from support.event_loop import accepted, now, until
@@ -28,120 +26,108 @@ from epson_driver.remote_ethernet.client import RemoteErrorNumber
 from epson_driver.remote_ethernet.hand import Action
 from epson_driver.sim_controller.network.announcement import announce
 
-Take = Callable[[str], str | None]
+BAD = f'!Sim,{RemoteErrorNumber.BAD_COMMAND.value}'
+ESTOP, PAUSE = Action(('Sim,estop,press',)), Action(('Pause',))
 
-BAD = RemoteErrorNumber.BAD_COMMAND
 
+class Simulated(RemotePeer):
+    """A remote port announced as simulated. `special`: other answers, or exceptions to raise."""
 
-class Controller(RemotePeer):
-    """A remote port announced as simulated. `take(command)` returns the answer, None for none.
-
-    It disconnects if `take` raises ConnectionError.
-    """
-
-    def __init__(self, take: Take) -> None:
+    def __init__(self, special):
         super().__init__()
-        self._take = take
+        self._exact = {
+            'Sim,joints': '#Sim,0',
+            'Login,': '#Login,0',
+            'Logout': '#Logout,0',
+            'Sim,condition': '#Sim,estop=not active;door=closed',
+            'Sim,fault,list': '#Sim,cut;;late',
+            'Sim,estop,press': '#Sim,0',
+            'Pause': '#Pause,0',
+        } | special
 
-    async def __aenter__(self) -> 'Controller':
+    async def __aenter__(self):
         await super().__aenter__()
         self.announcement = announce('127.0.0.1', self.port)
         return self
 
-    async def __aexit__(self, *_: object) -> None:
+    async def __aexit__(self, *_):
         await accepted()
         self.announcement.close()
         await super().__aexit__()
 
-    @property
-    def commands(self) -> list[str]:
-        return [line.removeprefix('$') for line in self.lines]
-
-    async def answer(self, line: str) -> str | None:
-        return self._take(line.removeprefix('$'))
-
-    def count(self, command: str) -> int:
+    def count(self, command):
         """Return how many times a command was received."""
-        return self.commands.count(command)
+        return self.lines.count(f'${command}')
+
+    async def answer(self, line):
+        answer = self._exact[line[1:]]
+        if isinstance(answer, list):  # one for each time
+            answer = answer.pop(0) if len(answer) > 1 else answer[0]
+        if answer is ConnectionError:
+            raise answer
+        return answer
+
+    async def still_polled(self):
+        """Assert that polling continues on the same connection."""
+        polls = self.count('Sim,condition')
+        await until(lambda: self.count('Sim,condition') > polls + 1)
+        assert self.count('Sim,joints') == 1
 
 
-def simulated(special: dict[str, Any] | None = None) -> Take:
-    """Answer like the simulated controller. `special`: other answers or exceptions."""
-    usual = {
-        'Sim,joints': '#Sim,0',
-        'Login,': '#Login,0',
-        'Logout': '#Logout,0',
-        'Sim,condition': '#Sim,estop=not active;door=closed',
-        'Sim,fault,list': '#Sim,cut;;late',
-        'Sim,estop,press': '#Sim,0',
-    }
+class Presses(list):
+    """The results of presses: a text, and whether it was carried out."""
 
-    def take(command: str) -> str | None:
-        result = (usual | (special or {}))[command]
-        if callable(result):
-            result = result()
-        if isinstance(result, type):
-            raise result
-        return None if result is None else str(result)
-
-    return take
-
-
-class Results(list[tuple[str, bool]]):
-    """The results of commands."""
-
-    def __call__(self, why: str, done: bool) -> None:
+    def __call__(self, why, done):
         self.append((why, done))
 
 
 @contextlib.asynccontextmanager
-async def played(take: Take) -> AsyncIterator[tuple[SimPendant, Controller, Results]]:
-    """Run a pendant at a controller."""
-    async with Controller(take) as controller:
+async def played(**special):
+    """Run a pendant at a controller with other answers: `Sim_condition` for `Sim,condition`."""
+    answers = {name.replace('_', ','): answer for name, answer in special.items()}
+    async with Simulated(answers) as controller:
         pendant = SimPendant(asyncio.get_running_loop(), '127.0.0.1', controller.port, now)
         await asyncio.sleep(0)
         task = pendant._task
-        assert task is not None
-        yield pendant, controller, Results()
+        yield pendant, controller
         pendant.end()
         await asyncio.wait([task])
 
 
-async def test_pendant_polls_the_condition_and_performs_a_button_press() -> None:
-    async with played(simulated()) as (pendant, controller, results):
-        await until(lambda: controller.count('Sim,condition') > 3)
-        assert pendant.latest is not None
+async def pressed(pendant, action):
+    """Press a button and return the result."""
+    results = Presses()
+    await until(lambda: pendant.latest)
+    pendant.press(action, results)
+    await until(lambda: results)
+    return results[0]
+
+
+async def test_pendant_polls_the_condition_and_performs_a_button_press():
+    async with played() as (pendant, controller):
+        assert await pressed(pendant, ESTOP) == ('', True)
+        await controller.still_polled()
         simulation, at = pendant.latest
         assert simulation.condition == {'estop': 'not active', 'door': 'closed'}
         assert simulation.faults == ('cut', 'late')
         assert now() - at < 1.0
-        pendant.press(Action(('Sim,estop,press',)), results)
-        await until(lambda: results)
-        assert results == [('', True)]
-        assert controller.count('Sim,joints') == 1
 
 
 @pytest.mark.invariant(1)
-async def test_real_controller_is_queried_only_once() -> None:
+async def test_real_controller_is_queried_only_once():
     """It serves one remote client, which should be the driver."""
-
-    async with played(simulated({'Sim,condition': f'!Sim,{BAD.value}'})) as (
-        pendant,
-        controller,
-        results,
-    ):
+    async with played(Sim_condition=BAD) as (pendant, controller):
         await until(lambda: pendant.real)
         await asyncio.sleep(30.0)
-        assert controller.commands == ['Sim,joints', 'Sim,condition']
+        assert controller.lines == ['$Sim,joints', '$Sim,condition']
         with pytest.raises(NotSimulatedError, match='no reply from a simulated controller'):
-            pendant.press(Action(('SetMotorsOn,1',)), results)
+            pendant.press(Action(('SetMotorsOn,1',)), print)
 
 
 @pytest.mark.invariant(1)
-async def test_port_that_is_not_announced_gets_no_connection() -> None:
+async def test_port_that_is_not_announced_gets_no_connection():
     """It may lead to a real controller, whose only client is the driver."""
-
-    async with played(simulated()) as (pendant, controller, _results):
+    async with played() as (pendant, controller):
         await until(lambda: pendant.latest)
         controller.announcement.close()
         await asyncio.sleep(1.0)
@@ -152,76 +138,50 @@ async def test_port_that_is_not_announced_gets_no_connection() -> None:
         known.end()
 
 
-async def test_press_that_needs_a_login_gets_its_own_connection() -> None:
-    async with played(simulated({'Pause': '#Pause,0'})) as (pendant, controller, results):
-        await until(lambda: pendant.latest)
-        pendant.press(Action(('Pause',)), results)
-        await until(lambda: results)
-        assert results == [('', True)]
-        start = controller.commands.index('Login,')
-        assert controller.commands[start : start + 3] == ['Login,', 'Pause', 'Logout']
-        assert controller.count('Sim,joints') == 1
+async def test_press_that_needs_a_login_gets_its_own_connection():
+    async with played() as (pendant, controller):
+        assert await pressed(pendant, PAUSE) == ('', True)
+        start = controller.lines.index('$Login,')
+        assert controller.lines[start : start + 3] == ['$Login,', '$Pause', '$Logout']
+        await controller.still_polled()
 
 
-async def test_press_that_needs_a_login_is_refused_by_a_controller_with_one_client() -> None:
-    def disconnect() -> None:
-        raise ConnectionError
-
-    async with played(simulated({'Login,': disconnect})) as (pendant, controller, results):
-        await until(lambda: pendant.latest)
-        pendant.press(Action(('Pause',)), results)
-        await until(lambda: results)
-        assert results == [(ONE_CLIENT, False)]
+async def test_press_that_needs_a_login_is_refused_by_a_controller_with_one_client():
+    async with played(Login_=ConnectionError) as (pendant, controller):
+        assert await pressed(pendant, PAUSE) == (ONE_CLIENT, False)
         assert controller.count('Login,') == 1
-        polls = controller.count('Sim,condition')
-        await until(lambda: controller.count('Sim,condition') > polls)
-        assert controller.count('Sim,joints') == 1  # the session continues
+        await controller.still_polled()
 
 
 @pytest.mark.invariant(1)
-@pytest.mark.parametrize(
-    'answer', ['!Sim,99', '#Sim,what?', ConnectionError, None],
-    ids=['another error', 'no condition', 'disconnects', 'silent'],
-)  # fmt: skip
-async def test_controller_without_condition_is_not_simulated_and_polled_again(answer: Any) -> None:
-    async with played(simulated({'Sim,condition': answer})) as (pendant, controller, results):
+@pytest.mark.parametrize('answer', ['!Sim,99', '#Sim,what?', ConnectionError, None])
+async def test_controller_without_condition_is_not_simulated_and_polled_again(answer):
+    async with played(Sim_condition=answer) as (pendant, controller):
         await until(lambda: controller.count('Sim,condition') > 2)
         assert (pendant.latest, pendant.real) == (None, False)
         with pytest.raises(NotSimulatedError):
-            pendant.press(Action(('Sim,estop,press',)), results)
+            pendant.press(ESTOP, print)
 
 
 @pytest.mark.parametrize(
     ('why', 'message'),
-    [
-        ('#Sim,the key is at MANUAL', 'the key is at MANUAL'),
-        ('#Sim,', 'Sim,estop,press: '),
-        (f'!Sim,{BAD.value}', 'Sim,estop,press: '),
-    ],
+    [('#Sim,the key is at MANUAL', 'the key is at MANUAL'), (BAD, 'Sim,estop,press: ')],
 )
-async def test_refused_press_returns_the_reason(why: str, message: str) -> None:
-    async with played(simulated({'Sim,estop,press': '!Sim,20', 'Sim,why': why})) as (
-        pendant,
-        controller,
-        results,
-    ):
-        await until(lambda: pendant.latest)
-        pendant.press(Action(('Sim,estop,press',)), results)
-        await until(lambda: results)
-        ((text, done),) = results
+async def test_refused_press_returns_the_reason(why, message):
+    async with played(Sim_estop_press='!Sim,20', Sim_why=why) as (pendant, controller):
+        text, done = await pressed(pendant, ESTOP)
         assert not done
         assert text.startswith(message)
-        await until(lambda: controller.count('Sim,condition') > 3)
-        assert controller.count('Sim,joints') == 1  # the session continues
+        await controller.still_polled()
 
 
 @pytest.mark.parametrize('answer', [ConnectionError, None], ids=['disconnects', 'silent'])
-async def test_unanswered_press_and_pending_presses_fail(answer: Any) -> None:
-    async with played(simulated({'Sim,estop,press': answer})) as (pendant, controller, results):
+async def test_unanswered_press_and_pending_presses_fail(answer):
+    async with played(Sim_estop_press=answer) as (pendant, controller):
         await until(lambda: pendant.latest)
-        pendant.press(Action(('Sim,estop,press',)), results)
+        results, start = Presses(), now()
+        pendant.press(ESTOP, results)
         pendant.press(Action(('Reset',)), results)
-        start = now()
         await until(lambda: len(results) == 2)
         assert now() - start < ANSWER_TIMEOUT_S + 1.0
         assert results == [
@@ -234,50 +194,35 @@ async def test_unanswered_press_and_pending_presses_fail(answer: Any) -> None:
 
 
 @pytest.mark.invariant(4)
-async def test_press_during_a_disconnect_is_not_repeated_after_it() -> None:
+async def test_press_during_a_disconnect_is_not_repeated_after_it():
     """A queued command of the old session would switch the motors on seconds after the click."""
-    disconnected = []
-
-    def once() -> str:
-        if not disconnected:
-            disconnected.append(True)
-            raise ConnectionError
-        return '#Sim,'
-
-    async with played(simulated({'Sim,fault,list': once})) as (pendant, controller, results):
-        await until(lambda: disconnected)
+    async with played(Sim_fault_list=[ConnectionError, '#Sim,']) as (pendant, controller):
+        await until(lambda: controller.count('Sim,fault,list') == 1)
         await asyncio.sleep(0.1)
-        late = Action(('SetMotorsOn,1',))  # pending from another thread
-        pendant._commands.put_nowait((late, results))
+        results = Presses()
+        pendant._commands.put_nowait((Action(('SetMotorsOn,1',)), results))  # of another thread
         await until(lambda: controller.count('Sim,joints') == 2 and pendant.latest)
         assert results == [('SetMotorsOn,1: no reply from a simulated controller', False)]
         assert controller.count('SetMotorsOn,1') == 0
 
 
 @pytest.mark.invariant(7)
-async def test_text_of_two_commands_is_not_sent_and_the_session_continues() -> None:
-    async with played(simulated()) as (pendant, controller, results):
-        await until(lambda: pendant.latest)
-        pendant.press(Action(('Sim,fault,a\r\n$SetMotorsOn,1',)), results)
-        await until(lambda: results)
-        assert 'must be one command' in results[0][0]
-        await until(lambda: controller.count('Sim,condition') > 3)
-        assert controller.count('Sim,joints') == 1
+async def test_text_of_two_commands_is_not_sent_and_the_session_continues():
+    async with played() as (pendant, controller):
+        text, _ = await pressed(pendant, Action(('Sim,fault,a\r\n$SetMotorsOn,1',)))
+        assert 'must be one command' in text
+        await controller.still_polled()
 
 
 @pytest.mark.invariant(9)
-async def test_failed_pendant_is_reported_immediately() -> None:
+async def test_failed_pendant_is_reported_immediately():
     """asyncio reports a failed task only when it is deleted."""
-    reported: list[Any] = []
-
-    def fails(_why: str, _done: bool) -> None:
-        raise ZeroDivisionError('made for this test')
-
-    async with played(simulated()) as (pendant, _controller, _results):
+    reported = []
+    async with played() as (pendant, _):
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(lambda _, context: reported.append(context['exception']))
         await until(lambda: pendant.latest)
-        pendant.press(Action(('Sim,estop,press',)), fails)
+        pendant.press(ESTOP, lambda _why, _done: 1 // 0)
         await until(lambda: reported)
         assert isinstance(reported[0], ZeroDivisionError)
 
@@ -291,11 +236,11 @@ async def test_failed_pendant_is_reported_immediately() -> None:
     ],
     ids=['a callback', 'the loop'],
 )
-def test_failure_in_the_pendant_thread_is_reported(fails: Callable[[], Any], what: str) -> None:
-    reported: list[tuple[str, BaseException]] = []
+def test_failure_in_the_pendant_thread_is_reported(fails, what):
+    reported = []
     seen = threading.Event()
 
-    def on_error(text: str, error: BaseException) -> None:
+    def on_error(text, error):
         reported.append((text, error))
         seen.set()
 
