@@ -3,6 +3,7 @@
 """`epson_driver spel COMMAND`: SPEL+ programs without a robot and without RC+."""
 
 import argparse
+import gc
 import sys
 from codecs import BOM_UTF8
 from collections.abc import Iterator
@@ -247,5 +248,6 @@ def _points(arguments: argparse.Namespace) -> int:
 def _serve(_arguments: argparse.Namespace) -> int:
     from epson_driver.editor.server import server  # here, because it needs the extra
 
+    gc.set_threshold(50_000)  # syntax trees have no cycles to collect
     server.start_io()
     return 0

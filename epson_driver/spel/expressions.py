@@ -84,11 +84,8 @@ class Reader:
         if found:
             (file, line, column), text = found[-1].position, found[-1].text
             at = Position(file, line, column + len(text))
-        self._end = Token(END, '', at)
-
-    @property
-    def here(self) -> Token:
-        return self.look(0)
+        self._end = Token(END, '', '', at)
+        self.here = self.look(0)
 
     def look(self, ahead: int) -> Token:
         """Return the token at the offset `ahead` from the next token.
@@ -113,8 +110,12 @@ class Reader:
 
     def step(self) -> Token:
         token = self.here
-        self._next += 1
+        self._skip(1)
         return token
+
+    def _skip(self, count: int) -> None:
+        self._next += count
+        self.here = self.look(0)
 
     def wrong(self, expected: str) -> SyntaxProblem:
         token = self.here
@@ -138,7 +139,7 @@ class Reader:
         Return whether it was read.
         """
         if self.sees(*texts):
-            self._next += 1
+            self._skip(1)
             return True
         return False
 
@@ -297,7 +298,7 @@ class Reader:
         if token.kind == NAME and self.look(1).text == '(' and self.look(2).text == ')':
             after = self.look(3)
             if after.kind == END or after.text in (',', ')', ';'):
-                self._next += 3
+                self._skip(3)
                 return Argument(Name(token.text, token.position), by_reference, whole_array=True)
         return Argument(self.expression(), by_reference)
 

@@ -5,8 +5,8 @@
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Final
+from functools import lru_cache
+from typing import Final, NamedTuple
 
 from epson_driver.spel.errors import Position, SyntaxProblem
 
@@ -37,20 +37,21 @@ TOKEN = re.compile(
 """Matches one token, a comment or blanks. The name of the matching group is the kind."""
 
 
-@dataclass(frozen=True, slots=True)
-class Token:
+class Token(NamedTuple):
+    """A token. `lower`: its text in lower case."""
+
     kind: str
     text: str
+    lower: str
     position: Position
     value: int | float | str = ''
 
-    @property
-    def lower(self) -> str:
-        return self.text.lower()
 
-
-def tokens(text: str, file: str, line: int, column: int = 1) -> list[Token]:
+@lru_cache(maxsize=50_000)
+def tokens(text: str, file: str, line: int, column: int = 1) -> tuple[Token, ...]:
     """Return the tokens of a line without its comment.
+
+    They are cached, because many programs include the same file, and an editor changes one line.
 
     Raises SyntaxProblem if the line is invalid.
     """
@@ -59,22 +60,22 @@ def tokens(text: str, file: str, line: int, column: int = 1) -> list[Token]:
         raise SyntaxProblem(where, 'the line is too long: RC+ takes 512 characters', 'line-length')
     result: list[Token] = []
     at = 0
-    while at < len(text):
-        position = Position(file, line, column + at)
-        match = TOKEN.match(text, at)
-        if match is None or match.lastgroup is None:
-            raise SyntaxProblem(position, _unreadable(text[at]))
+    for match in TOKEN.finditer(text):
+        if match.start() != at:
+            break
         kind, word = match.lastgroup, match.group()
+        if kind not in ('space', 'comment'):
+            position = Position(file, line, column + at)
+            value: int | float | str = ''
+            if kind == 'string':
+                value = word[1:-1]
+            elif kind not in ('name', 'symbol'):
+                kind, value = NUMBER, _number(kind, word, position)
+            result.append(Token(kind, word, word.lower(), position, value))
         at = match.end()
-        if kind in ('space', 'comment'):
-            continue
-        if kind == 'string':
-            result.append(Token(STRING, word, position, word[1:-1]))
-        elif kind in ('hex', 'binary', 'number'):
-            result.append(Token(NUMBER, word, position, _number(kind, word, position)))
-        else:
-            result.append(Token(NAME if kind == 'name' else SYMBOL, word, position))
-    return result
+    if at < len(text):
+        raise SyntaxProblem(Position(file, line, column + at), _unreadable(text[at]))
+    return tuple(result)
 
 
 def statements_in(line: str) -> Iterator[list[tuple[str, str, int]]]:

@@ -13,7 +13,6 @@ from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from typing import Any
 
 from epson_driver.inputs.rc_files import RcFileError, header_fault, parsed
@@ -212,13 +211,12 @@ def _task_names(function: Function) -> Iterator[Any]:
 
     Examples: `TaskState(main)`, `Quit main`.
     """
-    for node in function.nodes:
-        if isinstance(node, TaskCommand):
-            yield from walk(node.task)
-        elif isinstance(node, Apply):
-            rule = FUNCTIONS.get(node.name.lower())
-            if rule is not None and rule.arguments.startswith('t') and node.arguments:
-                yield from walk(node.arguments[0])
+    for node in function.of(TaskCommand):
+        yield from walk(node.task)
+    for node in function.of(Apply):
+        rule = FUNCTIONS.get(node.name.lower())
+        if rule is not None and rule.arguments.startswith('t') and node.arguments:
+            yield from walk(node.arguments[0])
 
 
 def _instead(function: str) -> bool:
@@ -289,14 +287,14 @@ class _Lint:
 
     def _nodes(self, *kinds: type) -> Iterator[Any]:
         for function in self.functions.values():
-            yield from (node for node in function.nodes if isinstance(node, kinds))
+            yield from function.of(*kinds)
 
-    @cached_property
-    def _whole(self) -> list[Any]:
-        parts: list[Iterable[Any]] = []
+    def _everywhere(self, *kinds: type) -> Iterator[Any]:
+        """Yield the nodes of `kinds` in declarations and in functions."""
         for file in self.program.files:
-            parts += [walk(file.declarations), *(function.nodes for function in file.functions)]
-        return list(chain.from_iterable(parts))
+            yield from (node for node in walk(file.declarations) if isinstance(node, kinds))
+            for function in file.functions:
+                yield from function.of(*kinds)
 
     # The call graph
 
@@ -307,8 +305,8 @@ class _Lint:
             named = set(map(id, _task_names(function)))
             calls = (
                 node.name.lower()
-                for node in function.nodes
-                if isinstance(node, Call | Apply | Name) and id(node) not in named
+                for node in function.of(Call, Apply, Name)
+                if id(node) not in named
             )
             result[name] = self.functions.keys() & set(calls)
         return result
@@ -331,7 +329,7 @@ class _Lint:
                 continue
             roots[root.function, root.type] = root
             for name in self._reached(root.function):
-                for node in self.functions[name].nodes:
+                for node in self.functions[name].of(Xqt, Trap):
                     started = self._started(node, root.type)
                     if started is not None:
                         todo.append(started)
@@ -366,9 +364,8 @@ class _Lint:
             yield from _long(function.name, LONGEST_FUNCTION_NAME, function.at)
             for parameter in function.parameters:
                 yield from _long(parameter.name, LONGEST_NAME, parameter.at)
-        for node in self._whole:
-            if isinstance(node, Label | VariableName):
-                yield from _long(node.name, LONGEST_NAME, node.at)
+        for node in self._everywhere(Label, VariableName):
+            yield from _long(node.name, LONGEST_NAME, node.at)
 
     def _versions(self) -> Iterator[Problem]:
         for file in self.program.files:
@@ -377,16 +374,14 @@ class _Lint:
                     yield from self._new(parameter.type, TYPES[parameter.type], parameter.at)
                 if function.result:
                     yield from self._new(function.result, TYPES[function.result], function.at)
-        for node in self._whole:
-            if isinstance(node, Declaration):
-                yield from self._new(node.type, TYPES[node.type], node.at)
-            elif isinstance(node, Command | Motion | Stub):
-                since = WORDS[node.name.lower()].since[0]
-                yield from self._new(node.name, since, node.at)
-            elif isinstance(node, Name | Apply):
-                rule = FUNCTIONS.get(node.name.lower())
-                if rule is not None and node.name.lower() not in self._shared:
-                    yield from self._new(node.name, rule.since, node.at)
+        for node in self._everywhere(Declaration):
+            yield from self._new(node.type, TYPES[node.type], node.at)
+        for node in self._everywhere(Command, Motion, Stub):
+            yield from self._new(node.name, WORDS[node.name.lower()].since[0], node.at)
+        for node in self._everywhere(Name, Apply):
+            rule = FUNCTIONS.get(node.name.lower())
+            if rule is not None and node.name.lower() not in self._shared:
+                yield from self._new(node.name, rule.since, node.at)
 
     def _new(self, name: str, since: int, at: Position) -> Iterator[Problem]:
         if since > self.version:
@@ -396,13 +391,9 @@ class _Lint:
     def _task_types(self) -> Iterator[Problem]:
         for root in self._roots:
             for name in sorted(self._reached(root.function)):
-                for node in self.functions[name].nodes:
-                    if isinstance(node, Command | Motion | Store | TaskCommand):
-                        rule = COMMANDS[node.name.lower()]
-                    elif isinstance(node, Xqt | Trap):
-                        rule = COMMANDS[type(node).__name__.lower()]
-                    else:
-                        continue
+                kinds = (Command, Motion, Store, TaskCommand, Xqt, Trap)
+                for node in self.functions[name].of(*kinds):
+                    rule = COMMANDS[getattr(node, 'name', type(node).__name__).lower()]
                     if forbidden(rule, getattr(node, 'words', ()), root.type):
                         kind = root.type.name.lower().replace('_', ' ')
                         text = f'{rule.name} cannot run in a task {kind}: {root.function} is one '
@@ -422,7 +413,7 @@ class _Lint:
                 yield Problem(max(tasks.values()), 'port-shared', text, warning=True)
 
     def _used_ports(self, function: Function) -> Iterator[tuple[int, Position]]:
-        for node in function.nodes:
+        for node in function.of(Print, Input, Transfer, Command):
             expression: Expression | None = None
             if isinstance(node, Print | Input | Transfer):
                 expression = node.port
@@ -455,9 +446,8 @@ class _Lint:
         """Names of the functions that wait, or that call a function that waits."""
         callers: dict[str, set[str]] = defaultdict(set)
         for name, function in self.functions.items():
-            for node in function.nodes:
-                if isinstance(node, Call | Apply):
-                    callers[node.name.lower()].add(name)
+            for node in function.of(Call, Apply):
+                callers[node.name.lower()].add(name)
         waiting = [
             name for name, function in self.functions.items() if any(map(_waits, function.nodes))
         ]
@@ -498,9 +488,7 @@ class _Lint:
     def _handlers(self) -> Iterator[Problem]:
         for function in self.functions.values():
             handlers = {
-                node.label.lower()
-                for node in function.nodes
-                if isinstance(node, OnErr) and node.label is not None
+                node.label.lower() for node in function.of(OnErr) if node.label is not None
             }
             yield from self._fallen_into(function.body, handlers)
 
@@ -549,9 +537,7 @@ class _Lint:
     def _comparisons(self) -> Iterator[Problem]:
         booleans = self._booleans()
         for name, function in self.functions.items():
-            for node in function.nodes:
-                if not isinstance(node, Binary):
-                    continue
+            for node in function.of(Binary):
                 if node.operator in ('=', '<>'):
                     yield from self._true(node, booleans | {name})
                 elif node.operator == 'and':
@@ -559,8 +545,8 @@ class _Lint:
 
     def _booleans(self) -> set[str]:
         match = set()
-        for node in self._whole:
-            if isinstance(node, Declaration) and node.type == 'boolean':
+        for node in self._everywhere(Declaration):
+            if node.type == 'boolean':
                 match |= {variable.name.lower() for variable in node.variables}
         for file in self.program.files:
             for function in file.functions:
@@ -608,8 +594,8 @@ class _Lint:
     def _bounds(self) -> dict[str, tuple[int | float | None, ...]]:
         return {
             node.name.lower(): tuple(constant(bound, CONSTANTS) for bound in node.bounds)
-            for node in self._whole
-            if isinstance(node, VariableName) and node.bounds
+            for node in self._everywhere(VariableName)
+            if node.bounds
         }
 
     def _nesting(self) -> Iterator[Problem]:

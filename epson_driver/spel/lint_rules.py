@@ -74,63 +74,58 @@ class Form(NamedTuple):
     """A syntax that the interpreter accepts, but that neither the manual nor a known program uses.
 
     * manual: the syntax in the manual.
-    * find: yields the positions of the syntax in a node, or a pattern that matches its lines.
+    * kind, find: `find` yields the positions of the syntax in a node of this kind. Without a kind,
+      `find` is a pattern that matches its lines.
     """
 
     form: str
     manual: str
     instead: str
+    kind: type | None
     find: Callable[[Any], Iterator[Position]] | re.Pattern[str]
 
 
-def _case_lists(node: Any) -> Iterator[Position]:
-    if isinstance(node, syntax.Select):
-        yield from (items[1].value.at for items, _ in node.cases if len(items) > 1)
+def _case_lists(node: syntax.Select) -> Iterator[Position]:
+    yield from (items[1].value.at for items, _ in node.cases if len(items) > 1)
 
 
-def _elements_by_reference(node: Any) -> Iterator[Position]:
-    if (
-        isinstance(node, syntax.Argument)
-        and node.by_reference
-        and isinstance(node.value, syntax.Apply)
-    ):
+def _elements_by_reference(node: syntax.Argument) -> Iterator[Position]:
+    if node.by_reference and isinstance(node.value, syntax.Apply):
         yield node.value.at
 
 
-def _double_tests(node: Any) -> Iterator[Position]:
-    if isinstance(node, syntax.Do) and node.before is not None and node.after is not None:
+def _double_tests(node: syntax.Do) -> Iterator[Position]:
+    if node.before is not None and node.after is not None:
         yield node.at
 
 
-def _elements_as_counters(node: Any) -> Iterator[Position]:
-    if isinstance(node, syntax.For) and isinstance(node.variable, syntax.Apply):
+def _elements_as_counters(node: syntax.For) -> Iterator[Position]:
+    if isinstance(node.variable, syntax.Apply):
         yield node.variable.at
 
 
-def _other_parameters(node: Any) -> Iterator[Position]:
-    if isinstance(node, syntax.Motion):
-        searches = [word for word in ('till', 'find', 'sense') if getattr(node, word) is not False]
-        used = {'c0' if name == 'c' else name for name, _ in node.numbers}
-        used |= {*searches, *node.words, *(['cp'] * node.cp), *('!' * bool(node.parallel))}
-        known = re.findall(r'\w+|!', SYNTAX[node.name.lower()].lower())
-        if used - set(known) or len(searches) > 1:
-            yield node.at
+def _other_parameters(node: syntax.Motion) -> Iterator[Position]:
+    searches = [word for word in ('till', 'find', 'sense') if getattr(node, word) is not False]
+    used = {'c0' if name == 'c' else name for name, _ in node.numbers}
+    used |= {*searches, *node.words, *(['cp'] * node.cp), *('!' * bool(node.parallel))}
+    known = re.findall(r'\w+|!', SYNTAX[node.name.lower()].lower())
+    if used - set(known) or len(searches) > 1:
+        yield node.at
 
 
-def _negated_waits(node: Any) -> Iterator[Position]:
-    if isinstance(node, syntax.Wait) and node.condition is not None:
-        for item in syntax.walk(node.condition):
-            if isinstance(item, syntax.Unary) and item.operator == 'not':
-                yield item.at
+def _negated_waits(node: syntax.Wait) -> Iterator[Position]:
+    for item in syntax.walk(node.condition):
+        if isinstance(item, syntax.Unary) and item.operator == 'not':
+            yield item.at
 
 
-def _numbers_for_words(node: Any) -> Iterator[Position]:
-    if isinstance(node, syntax.Command) and node.name.lower() in ('motor', 'cp', 'qp'):
+def _numbers_for_words(node: syntax.Command) -> Iterator[Position]:
+    if node.name.lower() in ('motor', 'cp', 'qp'):
         yield from (node.at for _ in node.arguments)
 
 
-def _assigning_statements(node: Any) -> Iterator[Position]:
-    if isinstance(node, syntax.Command) and node.name.lower() == 'plocal':
+def _assigning_statements(node: syntax.Command) -> Iterator[Position]:
+    if node.name.lower() == 'plocal':
         yield node.at
 
 
@@ -139,60 +134,92 @@ def _lines(pattern: str) -> re.Pattern[str]:
 
 
 UNPROVEN = (
-    Form('`Case 1, 2`', 'one value (p714)', 'write a Case for each', _case_lists),
+    Form('`Case 1, 2`', 'one value (p714)', 'write a Case for each', syntax.Select, _case_lists),
     Form(
         '`ByRef a(1)`',
         'variables and whole arrays (p184)',
         'pass a() and the index',
+        syntax.Argument,
         _elements_by_reference,
     ),
     Form(
         '`Do While a` with `Loop Until b`',
         'one condition, after Do or after Loop (p289)',
         'use If and Exit Do',
+        syntax.Do,
         _double_tests,
     ),
-    Form('`For a(1) = …`', 'a variable (p344)', 'copy the element', _elements_as_counters),
+    Form(
+        '`For a(1) = …`',
+        'a variable (p344)',
+        'copy the element',
+        syntax.For,
+        _elements_as_counters,
+    ),
     Form(
         'a parameter of another motion (`Go P1 ROT`)',
         'the parameters of each motion on its page, and one of Till, Find and Sense',
         'omit it',
+        syntax.Motion,
         _other_parameters,
     ),
     Form(
         '`Go P1, CP`',
         'blanks between the parameters (p353)',
         'remove the comma',
+        None,
         _lines(
             r"(?:Go|Move|Jump|TGo|TMove|BGo|BMove|Pass)\b[^'\n!]*,[ \t]*"
             r'(?:CP|ROT|ECP|LJM|LimZ|Till|Find|Sense|SYNC|C[0-7])\b'
         ),
     ),
-    Form('`Wait Not Sw(1)`', 'And, Or, Xor and Mask (p881)', 'compare with Off', _negated_waits),
-    Form('`Motor 1`, `CP 1`, `QP 1`', 'On and Off (p549)', 'use If', _numbers_for_words),
-    Form('`PLocal P1, 2`', '`PLocal(P1) = 2` (p634)', 'assign', _assigning_statements),
+    Form(
+        '`Wait Not Sw(1)`',
+        'And, Or, Xor and Mask (p881)',
+        'compare with Off',
+        syntax.Wait,
+        _negated_waits,
+    ),
+    Form(
+        '`Motor 1`, `CP 1`, `QP 1`',
+        'On and Off (p549)',
+        'use If',
+        syntax.Command,
+        _numbers_for_words,
+    ),
+    Form(
+        '`PLocal P1, 2`',
+        '`PLocal(P1) = 2` (p634)',
+        'assign',
+        syntax.Command,
+        _assigning_statements,
+    ),
     Form(
         '`Else Print 1`',
         'Else, ElseIf … Then and Default as whole lines (p419, p714)',
         'start a new line',
+        None,
         _lines(r"(?:Else|Default|ElseIf\b[^'\n]*\bThen)[ \t]+\w"),
     ),
     Form(
         '`WOpen "a" As 30`',
         '# before the number (p892)',
         'add it',
+        None,
         _lines(r"[ARW]Open\b[^'\n]*\bAs[ \t]+\w"),
     ),
     Form(
         '`Trap 1, a Call f()`',
         'the name alone (p851)',
         'remove the brackets',
+        None,
         _lines(r"Trap\b[^'\n]*\b(?:Call|Xqt)[ \t]+\w+[ \t]*\("),
     ),
     Form(
         '`Declare f, "a.dll"`',
         'As and a type (p278)',
         'add them',
+        None,
         _lines(r"Declare\b(?![^'\n]*\bAs[ \t]+\w+[ \t]*(?:'|$))"),
     ),
 )
@@ -207,16 +234,15 @@ def unproven(program: Program, files: Mapping[str, str]) -> Iterator[Problem]:
 
 
 def _places(form: Form, program: Program, files: Mapping[str, str]) -> Iterator[Position]:
-    if isinstance(form.find, re.Pattern):
-        for file in program.files:
+    for file in program.files:
+        if isinstance(form.find, re.Pattern):
             source = files.get(file.name, '')
             for match in form.find.finditer(source):
                 yield Position(file.name, source.count('\n', 0, match.end()) + 1)
-        return
-    for file in program.files:
-        for function in file.functions:
-            for node in function.nodes:
-                yield from form.find(node)
+        elif form.kind is not None:
+            for function in file.functions:
+                for node in function.of(form.kind):
+                    yield from form.find(node)
 
 
 def unused(program: Program, files: Mapping[str, str], roots: set[str]) -> Iterator[Problem]:
@@ -230,8 +256,7 @@ def unused(program: Program, files: Mapping[str, str], roots: set[str]) -> Itera
     words = {
         node.name.lower()
         for function in functions
-        for node in function.nodes
-        if isinstance(node, syntax.Command | syntax.Stub)
+        for node in function.of(syntax.Command, syntax.Stub)
     }
     if 'main' in roots and not words & _WINDOWS:
         for function in functions:
@@ -243,12 +268,13 @@ def unused(program: Program, files: Mapping[str, str], roots: set[str]) -> Itera
         module = [
             declaration for declaration in file.declarations if declaration.scope == 'module'
         ]
-        yield from _once(module, Counter(_names(files.get(file.name, ''))))
+        if module:
+            yield from _once(module, Counter(_names(files.get(file.name, ''))))
         lines = files.get(file.name, '').split('\n')
         for function in file.functions:
-            text = '\n'.join(lines[function.at.line - 1 : function.end.line])
-            own = [item for item in function.nodes if isinstance(item, syntax.Declaration)]
-            yield from _once(own, Counter(_names(text)))
+            if own := list(function.of(syntax.Declaration)):
+                text = '\n'.join(lines[function.at.line - 1 : function.end.line])
+                yield from _once(own, Counter(_names(text)))
 
 
 def _names(text: str) -> Iterator[str]:
@@ -293,14 +319,11 @@ def shared(
 
 
 def _chooses_robot(function: syntax.Function) -> bool:
-    return any(
-        isinstance(node, syntax.Command) and node.name.lower() == 'robot'
-        for node in function.nodes
-    )
+    return any(node.name.lower() == 'robot' for node in function.of(syntax.Command))
 
 
 def _owned(function: syntax.Function) -> Iterator[tuple[str, Position]]:
-    for node in function.nodes:
+    for node in function.of(syntax.Motion, syntax.Command):
         if isinstance(node, syntax.Motion) or (
             isinstance(node, syntax.Command) and node.name.lower() in MOVING
         ):
@@ -342,9 +365,17 @@ def _outside(
         yield Problem(number.at, 'not-simulated', text, warning=True)
 
 
+_CHECKED = (
+    syntax.Command, syntax.Wait, syntax.Name, syntax.Redim, syntax.Xqt, syntax.Motion,
+    syntax.TaskCommand, syntax.Share, syntax.Input, syntax.Print, syntax.Transfer, syntax.Apply,
+    syntax.Binary, syntax.Select,
+)  # fmt: skip
+"""Kinds of nodes with numbers that `literals` checks."""
+
+
 def literals(program: Program) -> Iterator[Problem]:
     for function, bounds in _arrays(program):
-        for node in function.nodes:
+        for node in function.of(*_CHECKED):
             if isinstance(node, syntax.Command):
                 for place, value in enumerate(node.arguments):
                     yield from _outside(node.name, place, value)
@@ -410,9 +441,8 @@ def _arrays(program: Program) -> Iterator[tuple[syntax.Function, ChainMap[str, t
     for file, module in zip(program.files, modules, strict=True):
         for function in file.functions:
             local: Bounds = {parameter.name.lower(): () for parameter in function.parameters}
-            for node in function.nodes:
-                if isinstance(node, syntax.Declaration):
-                    local.update(_bounds(node))
+            for node in function.of(syntax.Declaration):
+                local.update(_bounds(node))
             yield function, ChainMap(resized, local, module, shared)
 
 
@@ -425,11 +455,12 @@ def _bounds(declaration: syntax.Declaration) -> Iterator[tuple[str, tuple[int, .
 
 def _resized(program: Program) -> set[str]:
     result = set()
-    for node in (node for file in program.files for of in file.functions for node in of.nodes):
-        if isinstance(node, syntax.Redim):
-            result.add(node.name.lower())
-        elif isinstance(node, syntax.Command | syntax.Apply) and node.name.lower() == 'parsestr':
-            result |= {getattr(item, 'name', '').lower() for item in syntax.walk(node.arguments)}
+    for function in (function for file in program.files for function in file.functions):
+        result |= {node.name.lower() for node in function.of(syntax.Redim)}
+        for node in function.of(syntax.Command, syntax.Apply):
+            if node.name.lower() == 'parsestr':
+                items = syntax.walk(node.arguments)
+                result |= {getattr(item, 'name', '').lower() for item in items}
     return result
 
 

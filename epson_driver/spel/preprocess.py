@@ -6,7 +6,7 @@ A definition is valid from its line to the end of the program file, also in file
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from epson_driver.inputs import printable
@@ -22,7 +22,8 @@ DEEPEST_DEFINITION = 50
 MAX_LINES = 200_000
 """Maximum number of lines in one file, including its included files."""
 
-_DECLARES = frozenset({*TYPES, 'global', 'preserve', 'static'})
+_SCOPES = frozenset({'global', 'preserve', 'static'})
+_DECLARES = _SCOPES | TYPES.keys()
 
 _DIRECTIVE = re.compile(r'\s*#\s*([A-Za-z]+)')
 _DIRECTIVES = ('define', 'undef', 'ifdef', 'ifndef', 'else', 'endif', 'include')
@@ -107,7 +108,7 @@ class Preprocessor:
         if result:
             yield Line(result[0].position, tuple(self._expanded(result)))
 
-    def _refuse_declarations(self, found: list[Token]) -> None:
+    def _refuse_declarations(self, found: Sequence[Token]) -> None:
         """Raise SyntaxProblem if a macro is used as a label, or expands to a declaration."""
         start = True
         for place, token in enumerate(found):
@@ -118,7 +119,7 @@ class Preprocessor:
                     what = 'label' if label else 'declaration'
                     text = f'{token.text} is a #define: it cannot make a {what} (p58)'
                     raise SyntaxProblem(token.position, text, 'preprocessor')
-            start = token.text == ';' or (start and token.lower in _DECLARES - TYPES.keys())
+            start = token.text == ';' or (start and token.lower in _SCOPES)
 
     def _conditional(
         self, word: str, position: Position, rest: str, conditions: list[_Condition]
@@ -153,7 +154,7 @@ class Preprocessor:
             raise SyntaxProblem(position, 'files include each other endlessly', 'include')
         yield from self._lines(named[1].lower(), depth + 1)
 
-    def _define(self, word: str, position: Position, rest: list[Token]) -> None:
+    def _define(self, word: str, position: Position, rest: Sequence[Token]) -> None:
         if not rest or rest[0].kind != NAME:
             raise SyntaxProblem(position, f'#{word} needs a name', 'preprocessor')
         name, rest = rest[0], rest[1:]
@@ -176,13 +177,15 @@ class Preprocessor:
             parameters = tuple(item.lower for item in names)
         self.definitions[name.lower] = Definition(parameters, tuple(rest))
 
-    def _expanded(self, found: list[Token]) -> list[Token]:
+    def _expanded(self, found: Sequence[Token]) -> Sequence[Token]:
+        if not any(token.lower in self.definitions for token in found):
+            return found
         result: list[Token] = []
         self._steps = 0
         self._expand(found, result, frozenset())
         return result
 
-    def _expand(self, found: list[Token], into: list[Token], hidden: frozenset[str]) -> None:
+    def _expand(self, found: Sequence[Token], into: list[Token], hidden: frozenset[str]) -> None:
         at = 0
         while at < len(found):
             token = found[at]
@@ -195,7 +198,7 @@ class Preprocessor:
             if definition is None or token.lower in hidden:
                 into.append(token)
                 continue
-            body = [Token(t.kind, t.text, token.position, t.value) for t in definition.body]
+            body = [t._replace(position=token.position) for t in definition.body]
             if definition.parameters is not None:
                 arguments, at = _arguments(found, at, token, len(definition.parameters))
                 named = dict(zip(definition.parameters, arguments, strict=True))
@@ -204,7 +207,7 @@ class Preprocessor:
 
 
 def _arguments(
-    found: list[Token], at: int, name: Token, count: int
+    found: Sequence[Token], at: int, name: Token, count: int
 ) -> tuple[list[list[Token]], int]:
     """Return a macro call's arguments, and the index of the token that follows them."""
     problem = SyntaxProblem(name.position, f'{name.text} needs {count} arguments in ( )')

@@ -138,7 +138,7 @@ def _bits(lines: Iterable[Line], known: set[str]) -> dict[str, Token]:
 def _threes(line: Line) -> Iterable[tuple[Token, Token, Token]]:
     if not line.tokens:
         return ()
-    end = Token(END, '', line.tokens[-1].position)
+    end = Token(END, '', '', line.tokens[-1].position)
     padded = (*line.tokens, end, end)
     return zip(padded, padded[1:], padded[2:], strict=False)
 
@@ -316,8 +316,10 @@ def command(program: Program, text: str) -> FunctionCode:
                 problems.append(Problem(part[0].position, 'syntax', message))
     except SyntaxProblem as problem:
         raise ProgramError([problem.problem]) from problem
-    before, after = Token(NAME, 'Function', at), Token(NAME, 'Fend', at)
-    lines = [Line(at, (before, Token(NAME, COMMAND, at))), line, Line(at, (after,))]
+    before, name, after = (
+        Token(NAME, word, word.lower(), at) for word in ('Function', COMMAND, 'Fend')
+    )
+    lines = [Line(at, (before, name)), line, Line(at, (after,))]
     file = Parser(COMMAND, lines, set(program.by_name), problems, program.data.point_labels).file()
     if problems:
         raise ProgramError(problems)
@@ -334,7 +336,7 @@ def command(program: Program, text: str) -> FunctionCode:
 
 
 def reserved_names(file: File, version: tuple[int, ...]) -> Iterator[Problem]:
-    inner = [(of, *of.parameters, *of.nodes) for of in file.functions]
+    inner = [(of, *of.parameters, *of.of(VariableName, Label)) for of in file.functions]
     for node in chain(*inner, walk(file.declarations)):
         if not isinstance(node, Function | Parameter | VariableName | Label):
             continue

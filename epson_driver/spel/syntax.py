@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The syntax of a program as plain data: expressions, statements, functions."""
 
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cache, cached_property
@@ -411,6 +412,17 @@ class Function:
     def nodes(self) -> tuple[Any, ...]:
         """All nodes of the body. They are stored, because each rule of the linter reads them."""
         return tuple(walk(self.body))
+
+    @cached_property
+    def _by_kind(self) -> dict[type, list[Any]]:
+        result = defaultdict(list)
+        for node in self.nodes:
+            result[type(node)].append(node)
+        return result
+
+    def of(self, *kinds: type) -> Iterator[Any]:
+        for kind in kinds:
+            yield from self._by_kind.get(kind, ())
 
 
 @dataclass(frozen=True, slots=True)

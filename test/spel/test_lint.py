@@ -8,6 +8,7 @@ import pytest
 from support.spel_harness import files
 
 from epson_driver.spel import build
+from epson_driver.spel.lexer import tokens
 from epson_driver.spel.lint import RULES, check
 
 
@@ -305,6 +306,7 @@ def _large_program(functions: int) -> str:
 def _calls(functions: int) -> int:
     """Return the number of function calls that a check of such a program makes."""
     given = {'main.prg': _large_program(functions)}
+    tokens.cache_clear()
     count = 0
 
     def event(_frame: object, kind: str, _what: object) -> None:
