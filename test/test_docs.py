@@ -5,11 +5,12 @@
 import ast
 import importlib
 import re
-import shutil
 from functools import cache
 from pathlib import Path
 
 import pytest
+from catkin_pkg import changelog
+from catkin_pkg.package_version import get_forthcoming_label
 from support.pages import items
 
 from epson_driver.error_texts import ErrorText, ErrorTexts, load_error_texts, read_error_texts
@@ -22,45 +23,31 @@ PAGES = sorted([*ROOT.glob('*.md'), *ROOT.glob('docs/*.md')])
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
-def test_link_targets_exist(page: Path) -> None:
-    targets = re.findall(r'\]\((?!https?:)([^)#:]+)[^)]*\)', page.read_text(encoding='utf-8'))
-    for target in targets:
-        assert (page.parent / target).exists(), f'{page.name} links to {target}'
+def test_link_targets_and_their_anchors_exist(page):
+    links = re.findall(r'\]\((?!https?:)([^)#:]*)#?([^)]*)\)', page.read_text(encoding='utf-8'))
+    for target, anchor in links:
+        there = page.parent / target if target else page
+        assert there.exists(), f'{page.name} links to {target}'
+        if anchor:
+            headings = re.findall(r'(?m)^#+ (.*)$', there.read_text(encoding='utf-8').lower())
+            anchors = {re.sub(r'[^\w\- ]', '', item).replace(' ', '-') for item in headings}
+            assert anchor in anchors, f'{page.name} links to {target}#{anchor}'
 
 
-@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
-def test_anchors_exist(page: Path) -> None:
-    text = page.read_text(encoding='utf-8')
-    for target, anchor in re.findall(r'\]\((?!https?:)([^)#:]*)#([^)]+)\)', text):
-        there = (page.parent / target if target else page).read_text(encoding='utf-8')
-        headings = re.findall(r'(?m)^#+ (.*)$', there)
-        anchors = {
-            re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-') for heading in headings
-        }
-        assert anchor in anchors, f'{page.name} links to {target}#{anchor}'
-
-
-def test_files_named_in_the_docs_exist() -> None:
+def test_files_named_in_the_docs_exist():
     for page in PAGES:
         for name in re.findall(r'`((?:\w+/)+\w*\.py|test/[\w/]+)`', page.read_text('utf-8')):
             result = (ROOT / name).exists() or (ROOT / 'epson_driver' / name).exists()
             assert result, f'{page.name} names {name}'
 
 
-def test_release_tools_read_the_changelog(tmp_path: Path) -> None:
-    """catkin_prepare_release replaces the heading Forthcoming by a version and a date."""
-    changelog = pytest.importorskip('catkin_pkg.changelog')
-    release = pytest.importorskip('catkin_pkg.package_version')
-    copy = shutil.copy(ROOT / 'CHANGELOG.rst', tmp_path)
-    read = changelog.get_changelog_from_path(copy, 'epson_driver')
-    label = release.get_forthcoming_label(read.rst)
-    assert label == 'Forthcoming'
-    release.update_changelog_sections({'epson_driver': (copy, read, label)}, '7.8.9')
-    versions = list(changelog.get_changelog_from_path(copy, 'epson_driver').foreach_version())
-    assert next(content for version, _, content in versions if version == '7.8.9')
+def test_release_tools_find_the_forthcoming_changes():
+    """catkin_prepare_release replaces this heading by a version and a date."""
+    read = changelog.get_changelog_from_path(ROOT / 'CHANGELOG.rst', 'epson_driver')
+    assert get_forthcoming_label(read.rst) == 'Forthcoming'
 
 
-def test_generated_tables_are_up_to_date(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_generated_tables_are_up_to_date(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / 'docs'))
     make_tables = importlib.import_module('make_tables')
     for page in ROOT.glob('docs/*.md'):
@@ -68,13 +55,13 @@ def test_generated_tables_are_up_to_date(monkeypatch: pytest.MonkeyPatch) -> Non
         assert make_tables.with_tables(text) == text, f'{page.name}: make tables'
 
 
-def test_index_lists_every_page() -> None:
+def test_index_lists_every_page():
     index = (ROOT / 'docs' / 'README.md').read_text(encoding='utf-8')
     for page in ROOT.glob('docs/*.md'):
         assert page.name == 'README.md' or f']({page.name})' in index, page.name
 
 
-def test_every_documented_invariant_has_tests() -> None:
+def test_every_documented_invariant_has_tests():
     page = (ROOT / 'docs' / 'invariants.md').read_text(encoding='utf-8')
     described = re.findall(r'(?m)^(\d+)\. [A-Z]', page)
     tests = ''.join(path.read_text(encoding='utf-8') for path in ROOT.glob('test/**/test_*.py'))
@@ -120,36 +107,25 @@ def test_documented_message_exists_in_the_driver(message):
     assert message in sentences()
 
 
-DOCS = Path(__file__).parents[1] / 'docs' / 'remote.md'
-
-
-def section(heading):
-    """Return the text under a heading."""
-    return DOCS.read_text(encoding='utf-8').split(f'## {heading}\n')[1].split('\n## ')[0]
-
-
 def test_documented_flags_equal_the_code():
-    flags = [item.split(': ')[0] for item, _ in items(section('Flags of GetStatus'))]
+    page = (ROOT / 'docs' / 'remote.md').read_text(encoding='utf-8')
+    section = page.split('## Flags of GetStatus\n')[1].split('\n## ')[0]
+    flags = [item.split(': ')[0] for item, _ in items(section)]
     assert flags == [f'`{name}`' for name in FLAGS]
 
 
 EPSON = load_error_texts('epson')
 
-FILE = share_path('config', 'errors', 'epson.yaml')
 
-SOURCES = set(re.findall(r'^#   ([\w-]+)  ', FILE.read_text('utf-8'), re.MULTILINE))
-
-GOOD = 'number: 1, meaning: m, remedy: r, confirmed: true, source: s'
-
-
-@pytest.mark.parametrize('number', EPSON)
-def test_error_number_has_a_meaning_and_a_source(number):
-    text = EPSON[number]
-    assert 0 <= number <= 9999
-    assert text.meaning
-    assert text.source in SOURCES
-    assert text.confirmed == (text.source != 'memory')
-    assert text.remedy or number in (0, 2998, 2999)
+def test_error_numbers_have_meanings_remedies_and_sources():
+    file = share_path('config', 'errors', 'epson.yaml').read_text('utf-8')
+    sources = set(re.findall(r'^#   ([\w-]+)  ', file, re.MULTILINE))
+    for number, text in EPSON.items():
+        assert 0 <= number <= 9999
+        assert text.meaning
+        assert text.source in sources, number
+        assert text.confirmed == (text.source != 'memory'), number
+        assert text.remedy or number in (0, 2998, 2999), number
 
 
 def test_error_phrase_has_number_and_meaning_and_marks_unconfirmed_ones():
@@ -160,37 +136,27 @@ def test_error_phrase_has_number_and_meaning_and_marks_unconfirmed_ones():
     assert EPSON.phrase(0) == '0'  # 0 means no error
     assert texts.advice(1, 'look') == 'fix it'
     assert texts.advice(2, 'look') == texts.advice(3, 'look') == 'look'
-    assert len(texts) == 2
 
 
-@pytest.mark.parametrize('name', ['nonsense', '../robots/c3_a601s', ''])
-def test_missing_table_is_an_error(name):
+def test_missing_table_is_an_error():
     with pytest.raises(InputError, match=r'must be .*epson'):
-        load_error_texts(name)
+        load_error_texts('../robots/c3_a601s')
+
+
+GOOD = 'number: 1, meaning: m, remedy: r, confirmed: true, source: s'
 
 
 @pytest.mark.parametrize(
     ('content', 'wrong'),
     [
-        ('[', 'not YAML'),
-        ('- 1', 'errors must be a list'),
         ('errors: {}', 'errors must be a list'),
-        ('errors: [1]', r'errors\[0\] = 1: must have number, meaning'),
-        ('errors: [{number: 1}]', r'errors\[0\]'),
+        ('errors: [{number: 1}]', r'errors\[0\] = .*: must have number, meaning'),
         (f'errors: [{{{GOOD}}}, {{{GOOD}}}]', 'number 1 occurs twice'),
-        (f'errors: [{{{GOOD.replace("1", "x")}}}]', r"errors\[0\].number = 'x': must be int"),
         (f'errors: [{{{GOOD.replace("true", "1")}}}]', r'errors\[0\].confirmed = 1: must be bool'),
     ],
 )
 def test_invalid_error_file_is_reported(tmp_path, content, wrong):
     path = tmp_path / 'x.yaml'
     path.write_text(content, encoding='utf-8')
-    with pytest.raises(ValueError, match=wrong) as caught:
+    with pytest.raises(InputError, match=f'{path}: {wrong}'):
         read_error_texts(path)
-    assert str(path) in str(caught.value)
-
-
-def test_valid_error_file_is_read(tmp_path):
-    path = tmp_path / 'x.yaml'
-    path.write_text(f'errors: [{{{GOOD}}}]', encoding='utf-8')
-    assert dict(read_error_texts(path)) == {1: ErrorText('m', 'r', True, 's')}
