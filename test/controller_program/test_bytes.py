@@ -9,11 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from support.examples import one_in
 from support.spel_harness import ScriptedHost
 
 from epson_driver.spel import Array, Machine, Timing, build, read_project
-from epson_driver.spel.lint import check
 
 FOLDER = Path(__file__).parents[2] / 'controller_program'
 FILES = read_project(FOLDER)
@@ -228,24 +226,6 @@ def test_conversion_of_a_number_takes_few_statements(harness: BytesHarness) -> N
     before = harness.machine.statements
     harness.unpack([struct.pack('<f', angle) for angle in angles])
     assert (harness.machine.statements - before) / BATCH < 20
-
-
-def test_every_statement_was_executed() -> None:
-    harness = BytesHarness()
-    for batch in values(0):
-        harness.pack(batch)
-    kinds = [struct.pack('<I', bits) for bits in (0x7F80_0000, 1, 0xBF80_0000)]
-    harness.unpack((kinds * BATCH)[:BATCH])
-    harness.arrays['g_long'].d[:] = [-1] * BATCH
-    harness.call('PackLongs')
-    harness.call('UnpackLongs')
-    lines = harness.machine.lines()['bytes.prg']
-    assert [line for line, executed in lines.items() if not executed] == []
-
-
-@pytest.mark.parametrize('version', one_in(3, [7, 6, 8]))
-def test_program_is_clean_on_every_version(version: int) -> None:
-    assert [str(problem) for problem in check(FILES, version)] == []
 
 
 def test_files_are_ascii_with_crlf() -> None:
