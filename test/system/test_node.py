@@ -115,16 +115,25 @@ def test_driver_does_not_start_if_required_security_is_unavailable(
 
 
 @pytest.mark.parametrize(
-    ('setting', 'words'),
+    ('arguments', 'words'),
     [
-        ('byte_order:=middle', ('byte_order', 'middle', 'auto, little, big')),
-        ('motion_port:=eleven', ('motion_port', 'eleven')),
-        ('joint_names:=[]', ('parameter joint_names = []', 'must be a list of unique names')),
-        ('robot_ip:=', ('Failed to parse ROS arguments', 'robot_ip')),
+        ('--ros-args -p byte_order:=middle', ('byte_order', 'middle', 'auto, little, big')),
+        ('--ros-args -p motion_port:=eleven', ('motion_port', 'eleven')),
+        (
+            '--ros-args -p joint_names:=[]',
+            ('parameter joint_names = []', 'must be a list of unique names'),
+        ),
+        ('--ros-args -p robot_ip:=', ('Failed to parse ROS arguments', 'robot_ip')),
+        (
+            '--namespace=left --namespace=right --ros-args -p robot_model:=c9',
+            ('/left/epson_driver: ', '/right/epson_driver: '),
+        ),
+        ('--namespace=left --namespace=left', ('/left/epson_driver: two robots',)),
+        ('--namespace=not-a-name', ('--namespace not-a-name: ', 'nvalid')),
     ],
 )
-def test_invalid_parameter_is_rejected_with_its_name(setting: str, words: tuple[str, ...]) -> None:
-    run = run_client('--ros-args', '-p', setting)
+def test_invalid_argument_is_rejected_with_its_name(arguments: str, words: list[str]) -> None:
+    run = run_client(*arguments.split())
     assert run.returncode == 1, run.stderr
     for word in words:
         assert word in run.stderr

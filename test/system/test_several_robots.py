@@ -2,10 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two robots of one process, each in its namespace, do not affect each other."""
 
-import re
 import signal
-import subprocess
-import sys
 from contextlib import closing
 
 import pytest
@@ -14,8 +11,6 @@ from rclpy.node import Node
 from support.cell import LASTS
 from support.fleet import Fleet
 from support.ros_peer import trajectory
-
-from epson_driver.processes import processes
 
 ABSOLUTE = {'/diagnostics', '/rosout', '/parameter_events', '/tf_static'}
 """Topics shared by all nodes, whose entries name the robot."""
@@ -95,40 +90,3 @@ def test_signal_stops_all_arms_and_ends_each_goal_once(fleet):
     assert 'Traceback' not in log
     for name in fleet.peers:
         assert log.count(f'[{name}.epson_driver]: goal aborted') == 1
-
-
-@pytest.mark.parametrize(
-    ('names', 'lines'),
-    [
-        (
-            ['left', 'middle', 'right'],
-            ['/left/epson_driver: parameter byte_order', '/right/epson_driver: .*c9'],
-        ),
-        (['left', 'left'], ['/left/epson_driver.*two robots']),
-        (['not-a-name'], ['--namespace not-a-name: .*nvalid']),
-    ],
-)
-def test_robots_with_errors_are_named_and_none_is_started(tmp_path, names, lines):
-    parameters = tmp_path / 'robots.yaml'
-    parameters.write_text(
-        '/left/epson_driver: {ros__parameters: {byte_order: middle}}\n'
-        '/right/epson_driver: {ros__parameters: {robot_model: c9}}\n'
-    )
-    run = subprocess.run(
-        [
-            *(sys.executable, '-m', 'epson_driver.cli', 'client'),
-            *(f'--namespace={name}' for name in names),
-            *('--ros-args', '--params-file', str(parameters)),
-        ],
-        env=processes.ros_environment(processes.free_ros_domain()),
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert run.returncode == 1
-    assert 'Traceback' not in run.stderr
-    assert 'connected' not in run.stderr
-    fatal = [line for line in run.stderr.splitlines() if 'FATAL' in line]
-    for line, wanted in zip(fatal, lines, strict=True):
-        assert re.search(wanted, line)
