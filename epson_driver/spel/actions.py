@@ -173,13 +173,13 @@ def continue_all(task: Task) -> None:
 
 
 def raise_error(task: Task, first: float, second: float | None = None) -> None:
-    """Execute `Error n` or `Error task, n`: raise error n here, or in another task."""
+    """Execute `Error n` or `Error task, n`: raise error n here, or in another task (0: here)."""
     if second is None:
         number = within('Error', nearest(first), 1, 9999)
         raise SpelError(number, task.world.error_text(number))
     number = within('Error', nearest(second), 1, 9999)
     error = SpelError(number, task.world.error_text(number))
-    other = _other(task, nearest(first))
+    other = _other(task, nearest(first) or task.number)
     if other is task:
         raise error
     other.fail(error)

@@ -129,7 +129,8 @@ _ROBOT_FORMS = f"""
 -: Home WaitPos
 n: SpeedR SpeedFactor LimZ Tool TLClr Arm Robot
 n,n: JTran PTran
-n,n?: AccelR Weight
+n,n?: AccelR
+n,n?,w(S|T)?: Weight
 n?,n?: Inertia
 n,n?,n?: Speed SpeedS PTPBoost
 n,n,n?,n?,n?,n?: Accel
@@ -144,7 +145,10 @@ n*: {' '.join(WITHOUT_EFFECT)}
 """
 """Statements that the host executes."""
 
-DISPLAYING = frozenset({'arch', 'find', 'local', 'pallet', 'pulse', 'sense', 'till'})
+DISPLAYING = frozenset(
+    ['arch', 'find', 'inertia', 'local', 'pallet', 'pulse', 'sense', 'till']
+    + [name.lower() for name in WITHOUT_EFFECT if name not in ('ATCLR', 'PTCLR')]
+)
 """Statements that display values if they have no argument. This is not simulated."""
 
 MOVING = frozenset({'home', 'jtran', 'ptran'})

@@ -68,6 +68,7 @@ class ErrorNumber(IntEnum):
     """
 
     LOOP_LEFT = 2020
+    NO_HOME = 2228
     TASK_NUMBER = 2260
     NO_SUCH_TASK = 2261
     WAIT_TIMEOUT = 2280
@@ -95,6 +96,7 @@ class ErrorNumber(IntEnum):
 
 TEXTS: dict[int, str] = {
     ErrorNumber.LOOP_LEFT: 'loops were left by GoTo too often',
+    ErrorNumber.NO_HOME: 'no home position is defined',
     ErrorNumber.TASK_NUMBER: 'the task number is out of range',
     ErrorNumber.NO_SUCH_TASK: 'the task does not exist',
     ErrorNumber.WAIT_TIMEOUT: 'the Wait took longer than TMOut allows',

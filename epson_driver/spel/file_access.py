@@ -108,6 +108,8 @@ def _free(task: Task) -> int:
 
 def _at_end(task: Task, number: int) -> int:
     file = opened(task, 'Eof', number)
+    if not file.reads:
+        raise bad('Eof', f'file {number} is open for writing')
     return -1 if file.at >= len(file.data) or file.data[file.at] == _END_OF_FILE else 0
 
 

@@ -113,6 +113,22 @@ def _other_parameters(node: syntax.Motion) -> Iterator[Position]:
         yield node.at
 
 
+_PARALLEL = frozenset(
+    {'on', 'off', 'memon', 'memoff', 'out', 'outw', 'opbcd', 'memout', 'memoutw', 'signal'}
+    | {'waitsig', 'hand_on', 'hand_off'}
+)
+"""Statements of the manual's table for `!…!`, except Wait, Print and functions of a DLL."""
+
+
+def _other_parallel_statements(node: syntax.Motion) -> Iterator[Position]:
+    places = syntax.walk(node.points) if node.parallel else ()
+    here = any(getattr(item, 'name', '').lower() == 'here' for item in places)
+    for item in node.parallel:
+        known = isinstance(item, syntax.Share | syntax.Wait | syntax.Print | syntax.Call)
+        if here or not (known or getattr(item, 'name', '').lower() in _PARALLEL):
+            yield item.at
+
+
 def _negated_waits(node: syntax.Wait) -> Iterator[Position]:
     for item in syntax.walk(node.condition):
         if isinstance(item, syntax.Unary) and item.operator == 'not':
@@ -162,6 +178,13 @@ UNPROVEN = (
         'omit it',
         syntax.Motion,
         _other_parameters,
+    ),
+    Form(
+        '`Go P1 !Speed 5!`, `Go Here !On 1!`',
+        'I/O, Signal, WaitSig, Wait and Print in !…!, and no Here before it (p55 to p57)',
+        'split it',
+        syntax.Motion,
+        _other_parallel_statements,
     ),
     Form(
         '`Go P1, CP`',

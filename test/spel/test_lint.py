@@ -86,6 +86,8 @@ BAD = [
     ('portable', 3, main('  Move P1 C0')),  # p549
     ('portable', 3, main('  Go P1 Till Sw(1) = On Find Sw(2) = On')),  # p353
     ('portable', 3, main('  Jump P1, LimZ -10')),  # p471
+    ('portable', 3, main('  Go Here :Z(0) !D10; MemOn 1!')),  # p57
+    ('portable', 3, main('  Go P1 !Speed 5!')),  # p55
     ('portable', 3, main('  Wait Sw(1) = On And Not Sw(2) = On')),
     ('portable', 3, main('  Motor 1')),  # p549
     ('portable', 3, main('  PLocal P1, 2')),  # p634

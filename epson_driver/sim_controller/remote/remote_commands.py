@@ -274,7 +274,7 @@ def _printed(dialogue: Dialogue, value: str | SpelError) -> str | None:
             raise CommandError(RemoteErrorNumber.NOT_READY, value.text)
         if value.number == ErrorNumber.NOT_SIMULATED:
             raise CommandError(RemoteErrorNumber.PARAMETER, value.text)
-        if value.number not in (*OWN_NUMBERS, Shown.MOTION_ABORTED):
+        if value.number not in (*OWN_NUMBERS, Shown.MOTION_ABORTED, ErrorNumber.NO_HOME):
             dialogue.controller.errors.enter(Rejection(value.number, value.text))
         raise CommandError(RemoteErrorNumber.SYSTEM, f'error {value.number}: {value.text}')
     return f'"{value[:MAX_CHARACTERS]}"' if value else None

@@ -246,7 +246,7 @@ def _home(robot: RobotContext, _request: MotionRequest) -> Sequence[Point]:
     home = robot.controller.spel.home
     if home is None:
         text = 'Home: no home position is defined: add `setup: HomeSet PULSES, …` to spel.yaml'
-        raise SpelError(ErrorNumber.ARGUMENT, text)
+        raise SpelError(ErrorNumber.NO_HOME, text)
     return _go(robot, MotionRequest('go', (SpelPoint('pulses', tuple(map(float, home))),)))
 
 

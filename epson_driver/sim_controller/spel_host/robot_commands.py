@@ -12,6 +12,7 @@ from epson_driver.sim_controller.spel_host.robot_values import MAX_ACCEL, RobotC
 from epson_driver.spel import Completion, Point, SpelError, Value
 from epson_driver.spel import ErrorNumber as SpelNumber
 from epson_driver.spel.commands import WITHOUT_EFFECT
+from epson_driver.spel.errors import bad
 
 Arguments = Sequence[Value | Point | None]
 Words = tuple[str, ...]
@@ -43,6 +44,8 @@ class ConditionCompletion:
 def command(
     robot: RobotContext, name: str, arguments: Arguments, words: Words
 ) -> Completion | None:
+    if name == 'weight' and words:
+        raise bad('Weight', f'there is no additional axis {words[0].upper()}')
     if name in SETTING_WORDS:
         _set(robot.controller, SETTING_WORDS[name], arguments)
         return None

@@ -297,7 +297,7 @@ def test_impossible_motion_shows_its_error_until_reset(remote):
 
 def test_home_requires_homeset(remote):
     assert remote('Home,0') == '!Home,99'
-    assert remote('Sim,why').startswith('#Sim,error 9993: Home: no home position is defined')
+    assert remote('Sim,why').startswith('#Sim,error 2228: Home: no home position is defined')
     assert remote('Execute,"HomeSet 0,0,0"') == '!Execute,12'
     assert remote('Execute,"HomeSet 0,0,0,0,0,100000"') == '#Execute,0'
     assert answers_after(remote, 'Home,0')[0] == ['#Home,0']
