@@ -54,14 +54,16 @@ def set_net(
     task: Task,
     number: float,
     host: str,
-    tcp_port: float,
+    tcp_port: float | None,
     timeout: float | None = None,
     words: tuple[str, ...] = ('crlf', 'tcp'),
 ) -> None:
+    """Execute `SetNet`. Without a TCP port, the port keeps the one that it has (p726)."""
     port = port_of(task, 'SetNet', number)
     wait = 0.0 if timeout is None else float(timeout)
     within('SetNet', nearest(wait), 0, 1_000_000)
-    tcp = within('SetNet', nearest(tcp_port), 1, 65_535)
+    known = port.settings.tcp_port if tcp_port is None else nearest(tcp_port)
+    tcp = within('SetNet', known, 1, 65_535)
     port.settings = NetSettings(host, tcp, _TERMINATORS[words[0]], wait)
 
 

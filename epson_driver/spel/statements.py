@@ -278,13 +278,12 @@ class Statements:
         return Transfer(first.text, port, value, count, first.position)
 
     def read_set_net(self, reader: Reader, first: Token) -> Command:
-        """Parse `SetNet #n, host, port[, terminator[, flow[, timeout[, protocol[, …]]]]]`."""
+        """Parse `SetNet #n, host[, port[, terminator[, flow[, timeout[, protocol[, …]]]]]`."""
         reader.need('#')
         port = reader.expression()
         reader.need(',')
         host = reader.expression()
-        reader.need(',')
-        number = reader.expression()
+        number = reader.expression() if reader.takes(',') else None
         words = ['crlf', 'tcp']
         timeout: Expression | None = None
         if reader.takes(','):

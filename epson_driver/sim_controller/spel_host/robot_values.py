@@ -62,9 +62,13 @@ def _one(predicate: status_words.Predicate) -> Callable[[RobotContext, Arguments
     return lambda robot, _: int(predicate(robot.controller))
 
 
-def _word(bits: dict[int, status_words.Predicate], till: int = 0) -> Callable[[RobotContext], int]:
+def _word(
+    bits: dict[int, status_words.Predicate], till: int = 0, sense: int = 0
+) -> Callable[[RobotContext], int]:
     return lambda robot: (
-        status_words.word(bits, robot.controller) | (till if robot.motion.till_on else 0)
+        status_words.word(bits, robot.controller)
+        | till * robot.motion.till_on
+        | sense * robot.motion.sensed
     )
 
 
@@ -75,8 +79,8 @@ WORDS: dict[str, dict[int, Callable[[RobotContext], int]]] = {
         6: lambda _: 1,
         7: _word(status_words.CTRL_INFO_7),
     },
-    'RobotInfo': {0: _word(status_words.ROBOT_INFO_0, till=0x4000)},
-    'Stat': {0: _word(status_words.STAT_0), 1: _word(status_words.STAT_1, till=2)},
+    'RobotInfo': {0: _word(status_words.ROBOT_INFO_0, till=0x4000, sense=0x8000)},
+    'Stat': {0: _word(status_words.STAT_0), 1: _word(status_words.STAT_1, till=2, sense=1)},
 }
 """Function name → numeric argument → function that returns the value."""
 
