@@ -100,28 +100,9 @@ def test_closed_or_silent_port_is_reported():
     assert (code, text.partition(';')[0]) == (1, f'no answer from 127.0.0.1:{port} in 0.2 s')
 
 
-class RealPort(RemotePeer):
-    """A remote port that answers commands with `exact`, and all others with `default`.
-
-    It disconnects once at each command of `disconnects`, instead of an answer.
-    """
-
-    def __init__(self, exact, default='!%s,11', disconnects=()):
-        super().__init__()
-        self._exact = {'Login,': '#Login,0', 'Logout': '#Logout,0'} | exact
-        self._default, self._disconnects = default, list(disconnects)
-
-    async def answer(self, line):
-        command = line[1:]
-        if command in self._disconnects:
-            self._disconnects.remove(command)
-            raise ConnectionError
-        return self._exact.get(command) or self._default.replace('%s', command.split(',')[0])
-
-
-async def at(words, *options, exact=None, **port):
+async def at(words, *options, default='!%s,11', **answers):
     """Return the outcome of words at a real port, and the commands that it got."""
-    async with RealPort(exact or {}, **port) as real:
+    async with RemotePeer(default=default, **{'Logout': '#Logout,0'} | answers) as real:
         outcome = await asyncio.to_thread(call, real.port, words, *options)
         return *outcome, [line[1:] for line in real.lines]
 
@@ -155,7 +136,7 @@ BY_HAND = 'refused: not possible remotely at a real controller: do it there by h
     ],
 )  # fmt: skip
 async def test_real_controller_gets_its_own_command_or_refuses_it(words, answers, expected):
-    code, text, identity, commands = await at(words, exact=REAL | answers)
+    code, text, identity, commands = await at(words, **REAL | answers)
     assert text.startswith(expected)
     assert code == int('refused' in expected)
     assert identity.startswith('RC90-B, 127.0.0.1:')
@@ -165,17 +146,13 @@ async def test_real_controller_gets_its_own_command_or_refuses_it(words, answers
 
 @pytest.mark.parametrize(
     ('words', 'disconnects', 'sent'),
-    [
-        ('motors off', ['SetMotorsOff,1'] * 2, 3),
-        ('motors off', ['Sim,identity'], 1),
-        ('motors on', ['SetMotorsOn,1'], 1),
-    ],
+    [('motors off', 2, 3), ('motors off', 0, 1), ('motors on', 1, 1)],
 )
 async def test_only_a_stop_is_repeated_after_a_disconnect(words, disconnects, sent):
     """docs/invariants.md, 7: a busy controller disconnects, perhaps before it has obeyed."""
     (command,) = ACTIONS[words].commands
-    answers = {command: f'#{command.split(",")[0]},0'}
-    code, text, _, commands = await at(words, exact=answers, disconnects=disconnects)
+    done = [f'#{command.split(",")[0]},0']
+    code, text, _, commands = await at(words, **{command: [ConnectionError] * disconnects + done})
     assert commands.count(command) == sent
     wanted = (1, 'no controller: ') if words == 'motors on' else (0, ACTIONS[words].done)
     assert (code, text[: len(wanted[1])]) == wanted
@@ -184,7 +161,7 @@ async def test_only_a_stop_is_repeated_after_a_disconnect(words, disconnects, se
 async def test_password_is_sent_but_not_printed(monkeypatch):
     monkeypatch.setenv('CELL_PASSWORD', 'secret')
     option = '--password-variable=CELL_PASSWORD'
-    code, text, _, commands = await at('status', option, exact={'Login,secret': '!Login,13'})
+    code, text, _, commands = await at('status', option, Login='!Login,13')
     assert code == 1
     assert commands == ['Login,secret']
     assert 'the password is wrong (error 13)' in text
@@ -199,8 +176,9 @@ async def test_password_is_sent_but_not_printed(monkeypatch):
 @pytest.mark.parametrize('words', ['status', 'io DI 1'])
 async def test_malicious_answer_is_printed_harmlessly(answer, words):
     other = answer.startswith('SSH')
-    exact = {'Login,': answer} if other else {}
-    code, text, identity, _ = await at(words, exact=exact, default=answer)
+    hostile = ('Login', 'GetStatus') if other else ('GetStatus',)
+    exact = {name: answer.replace('%s', name) for name in hostile}
+    code, text, identity, _ = await at(words, default=answer, **exact)
     assert ('is not a reply to ' in text and code == 1) or not other
     assert (text + identity).replace('\n', '').isprintable()
     assert len(text) < 20_000

@@ -31,19 +31,18 @@ ESTOP, PAUSE = Action(('Sim,estop,press',)), Action(('Pause',))
 
 
 class Simulated(RemotePeer):
-    """A remote port announced as simulated. `special`: other answers, or exceptions to raise."""
+    """A remote port announced as simulated, with usual and special answers."""
 
     def __init__(self, special):
-        super().__init__()
-        self._exact = {
+        usual = {
             'Sim,joints': '#Sim,0',
-            'Login,': '#Login,0',
             'Logout': '#Logout,0',
             'Sim,condition': '#Sim,estop=not active;door=closed',
             'Sim,fault,list': '#Sim,cut;;late',
             'Sim,estop,press': '#Sim,0',
             'Pause': '#Pause,0',
-        } | special
+        }
+        super().__init__(**usual | special)
 
     async def __aenter__(self):
         await super().__aenter__()
@@ -58,14 +57,6 @@ class Simulated(RemotePeer):
     def count(self, command):
         """Return how many times a command was received."""
         return self.lines.count(f'${command}')
-
-    async def answer(self, line):
-        answer = self._exact[line[1:]]
-        if isinstance(answer, list):  # one for each time
-            answer = answer.pop(0) if len(answer) > 1 else answer[0]
-        if answer is ConnectionError:
-            raise answer
-        return answer
 
     async def still_polled(self):
         """Assert that polling continues on the same connection."""
@@ -82,10 +73,9 @@ class Presses(list):
 
 
 @contextlib.asynccontextmanager
-async def played(**special):
-    """Run a pendant at a controller with other answers: `Sim_condition` for `Sim,condition`."""
-    answers = {name.replace('_', ','): answer for name, answer in special.items()}
-    async with Simulated(answers) as controller:
+async def played(special=()):
+    """Run a pendant at a controller with special answers."""
+    async with Simulated(dict(special)) as controller:
         pendant = SimPendant(asyncio.get_running_loop(), '127.0.0.1', controller.port, now)
         await asyncio.sleep(0)
         task = pendant._task
@@ -116,7 +106,7 @@ async def test_pendant_polls_the_condition_and_performs_a_button_press():
 @pytest.mark.invariant(1)
 async def test_real_controller_is_queried_only_once():
     """It serves one remote client, which should be the driver."""
-    async with played(Sim_condition=BAD) as (pendant, controller):
+    async with played({'Sim,condition': BAD}) as (pendant, controller):
         await until(lambda: pendant.real)
         await asyncio.sleep(30.0)
         assert controller.lines == ['$Sim,joints', '$Sim,condition']
@@ -147,7 +137,7 @@ async def test_press_that_needs_a_login_gets_its_own_connection():
 
 
 async def test_press_that_needs_a_login_is_refused_by_a_controller_with_one_client():
-    async with played(Login_=ConnectionError) as (pendant, controller):
+    async with played({'Login': ConnectionError}) as (pendant, controller):
         assert await pressed(pendant, PAUSE) == (ONE_CLIENT, False)
         assert controller.count('Login,') == 1
         await controller.still_polled()
@@ -156,7 +146,7 @@ async def test_press_that_needs_a_login_is_refused_by_a_controller_with_one_clie
 @pytest.mark.invariant(1)
 @pytest.mark.parametrize('answer', ['!Sim,99', '#Sim,what?', ConnectionError, None])
 async def test_controller_without_condition_is_not_simulated_and_polled_again(answer):
-    async with played(Sim_condition=answer) as (pendant, controller):
+    async with played({'Sim,condition': answer}) as (pendant, controller):
         await until(lambda: controller.count('Sim,condition') > 2)
         assert (pendant.latest, pendant.real) == (None, False)
         with pytest.raises(NotSimulatedError):
@@ -168,7 +158,7 @@ async def test_controller_without_condition_is_not_simulated_and_polled_again(an
     [('#Sim,the key is at MANUAL', 'the key is at MANUAL'), (BAD, 'Sim,estop,press: ')],
 )
 async def test_refused_press_returns_the_reason(why, message):
-    async with played(Sim_estop_press='!Sim,20', Sim_why=why) as (pendant, controller):
+    async with played({'Sim,estop,press': '!Sim,20', 'Sim,why': why}) as (pendant, controller):
         text, done = await pressed(pendant, ESTOP)
         assert not done
         assert text.startswith(message)
@@ -177,7 +167,7 @@ async def test_refused_press_returns_the_reason(why, message):
 
 @pytest.mark.parametrize('answer', [ConnectionError, None], ids=['disconnects', 'silent'])
 async def test_unanswered_press_and_pending_presses_fail(answer):
-    async with played(Sim_estop_press=answer) as (pendant, controller):
+    async with played({'Sim,estop,press': answer}) as (pendant, controller):
         await until(lambda: pendant.latest)
         results, start = Presses(), now()
         pendant.press(ESTOP, results)
@@ -196,7 +186,8 @@ async def test_unanswered_press_and_pending_presses_fail(answer):
 @pytest.mark.invariant(4)
 async def test_press_during_a_disconnect_is_not_repeated_after_it():
     """A queued command of the old session would switch the motors on seconds after the click."""
-    async with played(Sim_fault_list=[ConnectionError, '#Sim,']) as (pendant, controller):
+    once = [ConnectionError, *['#Sim,'] * 99]
+    async with played({'Sim,fault,list': once}) as (pendant, controller):
         await until(lambda: controller.count('Sim,fault,list') == 1)
         await asyncio.sleep(0.1)
         results = Presses()

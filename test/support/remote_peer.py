@@ -10,16 +10,19 @@ HOME = '#Execute,"0 0 0 0 0 0 1"'
 
 
 class RemotePeer:
-    """Answers each line by its name: a text, None for no answer, or a function of the line.
+    """Answers each line, by its whole command or by its name.
 
+    An answer is a text, None for none, ConnectionError to disconnect, a list of them, one for each
+    time, or a function of the line. `default`: the answer to other commands, `%s` for their name.
     `delay`: time before each answer, s. `blank`: time between empty lines, s, 0 for none. `lines`:
     received lines of all connections.
     """
 
-    def __init__(self, delay=0.0, **answers):
+    def __init__(self, delay=0.0, default=None, **answers):
         usual = {'Login': '#Login,0', 'GetStatus': READY, 'Execute': HOME, 'Abort': '#Abort,0'}
         self.answers = usual | answers
         self.delay = delay
+        self.default = default
         self.blank = 0.0
         self.lines = []
         self.connections = 0
@@ -64,7 +67,14 @@ class RemotePeer:
 
     async def answer(self, line):
         """Return the answer to a line, without its end, or None."""
-        answer = self.answers.get(line[1:].partition(',')[0])
+        command = line[1:]
+        name = command.partition(',')[0]
+        default = self.default and self.default.replace('%s', name)
+        answer = self.answers.get(command, self.answers.get(name, default))
+        if isinstance(answer, list):
+            answer = answer.pop(0)
+        if answer is ConnectionError:
+            raise answer
         if callable(answer):
             answer = answer(line)
         if answer is not None:
