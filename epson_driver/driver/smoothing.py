@@ -34,6 +34,7 @@ class Smoothing:
     time_optimal: bool = False  # move as fast as the limits permit, regardless of the plan's times
     thin: bool = False  # send few points, at least `resample_period` apart
     deviation: float = np.inf  # maximum distance of the lines between them from the smooth motion
+    own_points: bool = False  # only the plan's points, for a controller that ignores their times
     longest: float = np.inf  # maximum time between two points of a time-optimal motion, s
     tolerance: float = 0.0  # maximum deviation from each point of the plan
 

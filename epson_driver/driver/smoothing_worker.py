@@ -14,8 +14,7 @@ import numpy as np
 
 from epson_driver.driver.smoothing import Smoothing
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
-from epson_driver.motion.smoothed import denoised, retimed, smoothed, thinned
-from epson_driver.motion.smoother import Mode
+from epson_driver.motion.smoothed import denoised, retimed, smoothed, thinned, time_optimal
 from epson_driver.processes.worker import answer_file, read_value, write_value
 
 MAX_MENTIONED_PROBLEMS = 3  # maximum number of violations listed in an error text
@@ -26,26 +25,21 @@ def smoothed_trajectory(
 ) -> Trajectory:
     """Return the smooth motion for a checked trajectory of an arm at rest at `start`.
 
-    The motion follows a spline through the points, or through positions within the tolerance of
-    the points, because the planner has not checked other paths for collisions.
+    The motion passes the points, or positions within the tolerance of the points. Between two
+    points it deviates from the line about as far as a spline, because the planner has not checked
+    other paths for collisions.
     """
     trajectory = _to_smooth(trajectory, start, limits, smoothing)
+    if smoothing.time_optimal and smoothing.own_points:
+        trajectory = retimed(trajectory, limits, smoothing.longest)
+    elif smoothing.time_optimal:
+        trajectory = time_optimal(trajectory, limits, smoothing.longest)
     if smoothing.resample_period is None:
-        if smoothing.time_optimal:
-            return retimed(trajectory, limits, smoothing.longest)
         return trajectory
-    mode = Mode.TIME_OPTIMAL if smoothing.time_optimal else Mode.TIME_PRESERVING
     if smoothing.thin:
-        motion = thinned(
-            trajectory,
-            limits,
-            smoothing.resample_period,
-            smoothing.deviation,
-            mode,
-            refine=False,
-        )
+        motion = thinned(trajectory, limits, smoothing.resample_period, smoothing.deviation)
     else:
-        motion = smoothed(trajectory, limits, mode, period=smoothing.resample_period, refine=False)
+        motion = smoothed(trajectory, limits, period=smoothing.resample_period)
     if violations := list(islice(problems(motion, limits), MAX_MENTIONED_PROBLEMS)):
         raise ValueError('; '.join(violations))
     return motion

@@ -7,15 +7,17 @@ that ignore the jerk limits. Its result is slowed down until it respects each li
 instant. u is the path parameter of the spline.
 """
 
+from collections.abc import Callable
 from math import ceil
 
 import numpy as np
+import numpy.typing as npt
 
 from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.path import Knots, Path, through
 from epson_driver.motion.smoother.request import Problem as PathProblem
-from epson_driver.motion.smoother.speed_bounds import SpeedBounds
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds, SpeedProfile
 from epson_driver.motion.transcription import STEPS, Problem, Search
 
 MAX_SEARCH_STEPS = 160
@@ -37,29 +39,36 @@ MIN_BEND = 0.002
 NEIGHBOUR_SHARE = 0.25
 """Maximum tolerance at a waypoint, as a fraction of the distance to the nearer neighbour."""
 
-MAX_INTERVALS = 4000
-"""Maximum number of intervals between knots. A larger problem takes minutes to solve."""
+MAX_INTERVALS = 2000
+"""Maximum number of intervals between knots. The search takes 2 to 4 ms for each of them."""
+
+MAX_LINE_S = 0.1
+"""Maximum time of a line from which waypoints may be left out, s."""
 
 MAX_PATH_TOLERANCE = 0.5
 """Maximum tolerance at a waypoint in every joint, rad (or m)."""
 
-_PLACES = np.linspace(0.0, 1.0, 17)
 
-
-def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> JointMotion | None:
+def fastest(
+    waypoints: Array,
+    limits: JointLimits,
+    tolerance: float = 0.0,
+    *,
+    bend_ratio: float = BEND_RATIO,
+    interval_share: float = MAX_INTERVAL_SHARE,
+    checkpoint: Callable[[], None] = lambda: None,
+) -> JointMotion | None:
     """Return the fastest motion found through waypoints, or None if none was found.
 
     waypoints: shape (k, n), k ≥ 3, rad (or m), each different from the previous one. The motion
     rests exactly at the first and last waypoint, passes the others within `tolerance` in every
-    joint, and respects all limits at every instant.
+    joint, and respects all limits at every instant. The jerks of all joints change at the same
+    times. bend_ratio, interval_share: see BEND_RATIO and MAX_INTERVAL_SHARE. checkpoint: called
+    before each step of the search. It may raise to cancel.
     """
-    start = np.zeros((1, waypoints.shape[1]))
-    path = through(
-        Knots(np.zeros(1), waypoints[:1], start, start), waypoints[1:], limits, False, True
-    )
-    profile = SpeedBounds(PathProblem(path, (0.0, 0.0, 0.0), limits)).profile()
+    path, profile = _spline(waypoints, limits)
     times = np.interp(path.knots.u, profile.positions, profile.times)
-    longest = MAX_INTERVAL_SHARE * float(np.min(limits.acceleration / limits.jerk))
+    longest = interval_share * float(np.min(limits.acceleration / limits.jerk))
     durations = np.maximum(np.diff(times), MIN_INTERVAL_S).tolist()
     parts = [min(ceil(segment / longest), MAX_PARTS) for segment in durations]
     if sum(parts) > MAX_INTERVALS:
@@ -76,7 +85,7 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
     acceleration = np.clip(bend * speeds**2, -upper, upper)
     position[first], velocity[[0, -1]], acceleration[[0, -1]] = waypoints, 0.0, 0.0
     chords = np.diff(waypoints, axis=0)
-    bends = np.maximum(BEND_RATIO * _bends(path), MIN_BEND) + tolerance
+    bends = np.maximum(bend_ratio * path.bends(), MIN_BEND) + tolerance
     tolerances = np.full(len(us), np.inf)
     tolerances[first] = _tolerances(waypoints, limits, tolerance)
     problem = Problem(limits, waypoints[segment], chords[segment], bends[segment], tolerances)
@@ -84,13 +93,48 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
     search = Search(problem, knots, np.maximum(np.diff(instants), MIN_INTERVAL_S))
     with np.errstate(over='ignore', invalid='ignore'):  # a step that overflows ends the search
         try:
-            return _searched(search, waypoints[0], limits)
+            return _searched(search, waypoints[0], limits, checkpoint)
         except np.linalg.LinAlgError:
             return None
 
 
-def _searched(search: Search, start: Array, limits: JointLimits) -> JointMotion | None:
+def corners(waypoints: Array, limits: JointLimits) -> npt.NDArray[np.intp]:
+    """Return the indices of waypoints that determine the path, among them the first and the last.
+
+    The others are within MIN_BEND of a line between two of them that takes at most MAX_LINE_S at
+    full speed.
+    """
+    path, profile = _spline(waypoints, limits)
+    times = np.interp(path.knots.u, profile.positions, profile.times)
+    indices = [0]
+    while (start := indices[-1]) < len(waypoints) - 1:
+        end = int(times.searchsorted(times[start] + MAX_LINE_S, side='right')) - 1
+        while end > start + 1 and _distance(waypoints[start : end + 1]) > MIN_BEND:
+            end -= 1
+        indices.append(max(end, start + 1))
+    return np.array(indices)
+
+
+def _distance(points: Array) -> float:
+    """Return the maximum distance of points, in any joint, from the line between both ends."""
+    chord, since = points[-1] - points[0], points - points[0]
+    along = np.clip(since @ chord / (chord @ chord), 0.0, 1.0)
+    return float(np.abs(since - along[:, None] * chord).max())
+
+
+def _spline(waypoints: Array, limits: JointLimits) -> tuple[Path, SpeedProfile]:
+    start = np.zeros((1, waypoints.shape[1]))
+    path = through(
+        Knots(np.zeros(1), waypoints[:1], start, start), waypoints[1:], limits, False, True
+    )
+    return path, SpeedBounds(PathProblem(path, (0.0, 0.0, 0.0), limits)).profile()
+
+
+def _searched(
+    search: Search, start: Array, limits: JointLimits, checkpoint: Callable[[], None]
+) -> JointMotion | None:
     for _ in range(MAX_SEARCH_STEPS):
+        checkpoint()
         if not search.step():
             return None
         if search.converged:
@@ -98,17 +142,6 @@ def _searched(search: Search, start: Array, limits: JointLimits) -> JointMotion 
             if motion is not None:
                 return motion  # otherwise rounding took it out of the range: continue
     return None
-
-
-def _bends(path: Path) -> Array:
-    """Return each segment's maximum distance from its chord in any joint, shape (k,)."""
-    knots = path.knots
-    us = knots.u[:-1, None] + np.diff(knots.u)[:, None] * _PLACES
-    chords = np.diff(knots.position, axis=0)[:, None]
-    since = path.sample(us.ravel())[0].reshape(*us.shape, -1) - knots.position[:-1, None]
-    along = np.clip((since * chords).sum(axis=2) / (chords**2).sum(axis=2), 0.0, 1.0)
-    bends: Array = np.abs(since - along[:, :, None] * chords).max(axis=(1, 2))
-    return bends
 
 
 def _tolerances(waypoints: Array, limits: JointLimits, tolerance: float) -> Array:

@@ -7,9 +7,10 @@ from itertools import chain, pairwise
 from math import ceil
 
 import numpy as np
+import numpy.typing as npt
 
 from epson_driver.motion.closest_samples import passed
-from epson_driver.motion.fastest import MAX_PATH_TOLERANCE, fastest
+from epson_driver.motion.fastest import MAX_PATH_TOLERANCE, corners, fastest
 from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, Smoother, plan
@@ -29,6 +30,16 @@ FIXED_WEIGHT = 1e12
 """Weight of a point whose position must not change. No weight is larger."""
 
 MAX_ROUNDS = 40
+
+SPARE_RATIO = 1.02
+"""Ratio of the duration of `time_optimal` to that of the fastest motion."""
+
+BEND_SHARE = 0.85
+"""BEND_RATIO of `time_optimal`. A spline's distance from a line is overestimated by up to 18 %."""
+
+FLOAT32_RATIO = 1.04
+"""Minimum distance between the points of `time_optimal`, relative to the one that the smoother
+merges, because messages carry float32."""
 
 MIN_GROWTH_RATIO = 1.2
 
@@ -200,15 +211,17 @@ def smoothed(
 
 
 def _fastest(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> JointMotion | None:
-    """Return the fastest motion through the points, or None. Points close together are merged."""
+    waypoints = _merged(trajectory, limits)
+    return fastest(waypoints, limits, tolerance) if len(waypoints) > MIN_SEGMENTS else None
+
+
+def _merged(trajectory: Trajectory, limits: JointLimits) -> Array:
+    """Return the positions of a trajectory, shape (k, n). Points close together are merged."""
     points = Waypoints(limits, trajectory.positions[0], Mode.TIME_OPTIMAL)
     for position in trajectory.positions:
         points.append(position, None, 0.0, in_motion=False)
     points.finish()
-    if len(points.ahead) < MIN_SEGMENTS:
-        return None
-    waypoints = [points.origin.anchor, *(point.position for point in points.ahead)]
-    return fastest(np.array(waypoints), limits, tolerance)
+    return np.array([points.origin.anchor, *(point.position for point in points.ahead)])
 
 
 def _of_samples(
@@ -238,6 +251,61 @@ def every(trajectory: Trajectory, parts: int) -> Trajectory:
     )
 
 
+def time_optimal(
+    trajectory: Trajectory,
+    limits: JointLimits,
+    longest: float = np.inf,
+    checkpoint: Callable[[], None] = lambda: None,
+) -> Trajectory:
+    """Return points, with velocities, of the fastest motion through a trajectory's points.
+
+    The cubic spline of time through the returned points is this motion. It takes SPARE_RATIO times
+    as long as possible, because otherwise the arm could not brake on its path. It leaves the lines
+    between the given points at most as far as the smoother's spline does. Given points that do not
+    bend the path are skipped (`corners`). The returned points are at most `longest` s apart. If
+    `fastest` finds no motion, the result is that of `retimed`. Raises the errors of `smoothed`.
+    `checkpoint` is called during the search, and may raise to cancel.
+    """
+    trajectory = trajectory.in_order(limits.names)
+    waypoints = _merged(trajectory, limits)
+    motion = None
+    if len(waypoints) > MIN_SEGMENTS:
+        waypoints = waypoints[corners(waypoints, limits)]
+    if len(waypoints) > MIN_SEGMENTS:
+        motion = fastest(
+            waypoints, limits, bend_ratio=BEND_SHARE, interval_share=1.0, checkpoint=checkpoint
+        )
+    if motion is None:
+        return retimed(trajectory, limits, longest)
+    times, _ = _with_gaps(SPARE_RATIO * _knot_times(motion), longest)
+    states = [motion.at(time / SPARE_RATIO) for time in times.tolist()]
+    positions, velocities, _ = map(np.array, zip(*states, strict=True))
+    return Trajectory(limits.names, times, positions, velocities / SPARE_RATIO)
+
+
+def _knot_times(motion: JointMotion) -> Array:
+    """Return the times at which the jerk changes, s, except where the smoother merges points."""
+    positions = motion.states[0].T
+    kept = [0]
+    for index in range(1, len(positions) - 1):
+        if _far(positions[index], positions[kept[-1]]):
+            kept.append(index)
+    while len(kept) > 1 and not _far(positions[-1], positions[kept[-1]]):
+        kept.pop()
+    return np.append(motion.times[0][kept], motion.duration)
+
+
+def _far(position: Array, other: Array) -> bool:
+    return bool(np.abs(position - other).max() > FLOAT32_RATIO * MERGE_TOLERANCE)
+
+
+def _with_gaps(times: Array, longest: float) -> tuple[Array, npt.NDArray[np.intp]]:
+    """Return times at most `longest` s apart, and the indices of the given times among them."""
+    parts = np.maximum(np.ceil(np.diff(times) / longest - 1e-9), 1.0)
+    own = np.append(0, np.cumsum(parts)).astype(np.intp)
+    return np.interp(np.arange(own[-1] + 1), own, times), own
+
+
 def retimed(trajectory: Trajectory, limits: JointLimits, longest: float = np.inf) -> Trajectory:
     """Return a trajectory's points, with velocities, at the times of the time-optimal motion.
 
@@ -245,14 +313,10 @@ def retimed(trajectory: Trajectory, limits: JointLimits, longest: float = np.inf
     than `longest` s apart, points of the motion are inserted. Raises the errors of `smoothed`.
     """
     motion = smoothed(trajectory, limits, Mode.TIME_OPTIMAL, refine=False)
-    times, positions = _own_points(trajectory, motion)
-    parts = [max(ceil(gap / longest - 1e-9), 1) for gap in np.diff(times).tolist()]
-    if sum(parts) > len(parts):
-        own = np.cumsum([0, *parts])
-        times = np.interp(np.arange(own[-1] + 1), own, times)
-        between = _at(times, motion.times, motion.positions)
-        between[own] = positions
-        positions = between
+    own_times, own_positions = _own_points(trajectory, motion)
+    times, own = _with_gaps(own_times, longest)
+    positions = _at(times, motion.times, motion.positions)
+    positions[own] = own_positions
     return Trajectory(limits.names, times, positions, _at(times, motion.times, motion.velocities))
 
 
@@ -261,20 +325,17 @@ def thinned(
     limits: JointLimits,
     spacing: float,
     deviation: float = np.inf,
-    mode: Mode = Mode.TIME_PRESERVING,
-    *,
-    refine: bool = True,
 ) -> Trajectory:
     """Return a trajectory with fewer points, for a controller that moves straight between them.
 
     It has as few points as possible. They are `spacing` to twice `spacing` s apart, and closer
     where a joint would otherwise deviate by more than `deviation`, rad (or m), from the smooth
     motion. They are points of the trajectory or, where these are too far apart, of the motion.
-    `smoothed` describes `mode` and `refine`. Raises the errors of `smoothed`.
+    Raises the errors of `smoothed`.
     """
     if not (spacing > 0.0 and deviation > 0.0):
         raise ValueError(f'spacing = {spacing} s, deviation = {deviation}: must be positive')
-    motion = smoothed(trajectory, limits, mode, refine=refine)
+    motion = smoothed(trajectory, limits)
     times, positions = _own_points(trajectory, motion)
     indices = [0]
     while indices[-1] < len(times) - 1:

@@ -94,6 +94,18 @@ class TimeParametrisation:
         )
 
 
+def as_commanded(start: float, end: float, rests: bool) -> TimeParametrisation:
+    """Return the timing on a path whose parameter is the time, s: u̇ = 1.
+
+    rests: whether the path itself ends at rest.
+    """
+    zeros = np.zeros(2)
+    speeds = np.array([1.0, 0.0 if rests else 1.0])
+    return TimeParametrisation(
+        np.array([0.0, end - start]), np.array([start, end]), speeds, zeros, zeros[:1]
+    )
+
+
 def from_ruckig(trajectory: RuckigTrajectory) -> TimeParametrisation:
     profile = trajectory.profiles[0][0]
     brake = profile.brake

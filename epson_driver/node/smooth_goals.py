@@ -45,8 +45,7 @@ from epson_driver.inputs import InputError
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
 from epson_driver.motion.interpolation import Interpolation
 from epson_driver.motion.plan_share import plan_share
-from epson_driver.motion.smoothed import MAX_STEP_S
-from epson_driver.motion.smoother import Mode
+from epson_driver.motion.smoothed import MAX_STEP_S, time_optimal
 from epson_driver.node import messages
 from epson_driver.node.downstream import ArmState, Downstream, Sent
 from epson_driver.node.loop_bridge import CANCELED, LATCHED, GoalAction, LoopBridge, OnEnd
@@ -454,13 +453,13 @@ class SmoothGoals:
             times = np.concatenate([[0.0], np.maximum(times, MAX_STEP_S)])
             positions = np.vstack([start, positions])
         positions[0] = start
-        optimal = self._parameters['timing'] == 'time_optimal'
-        mode = Mode.TIME_OPTIMAL if optimal else Mode.TIME_PRESERVING
         whole = Trajectory(planned.joint_names, times, positions)
         limits = goal.limits
         if goal.planned is not None:
             limits = limits.scaled(*plan_share(goal.planned, start, limits))
-        motion = StoppableMotion(whole, limits, mode, checkpoint)
+        if self._parameters['timing'] == 'time_optimal':
+            whole = time_optimal(whole, limits, checkpoint=checkpoint)
+        motion = StoppableMotion(whole, limits, checkpoint)
         return motion, motion.points(self._parameters['period'])
 
     async def _send(

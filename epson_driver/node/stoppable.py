@@ -11,7 +11,7 @@ import numpy as np
 from epson_driver.motion.joint_motion import JointMotion, State
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoothed import MAX_STEP_S, smoothed
-from epson_driver.motion.smoother import Mode, Plan, Request, Smoother, plan
+from epson_driver.motion.smoother import Plan, Request, Smoother, plan
 from epson_driver.motion.smoother.request import ActivePlan
 from epson_driver.motion.trajectory import Trajectory, sample_times
 
@@ -59,6 +59,8 @@ class Executed:
         time, s, and may raise to cancel. Raises ValueError if there would be more than MAX_POINTS.
         """
         sample_times(end - start, longest)  # raises
+        if self._pieces[-1] is None and start < self._starts[-1] < end:
+            end = self._starts[-1]  # the arm has rested since
         ends = [*self._starts[1:], end]
         instants = [np.array(self._starts)]
         for since, until, executed in zip(self._starts, ends, self._pieces, strict=True):
@@ -138,7 +140,6 @@ class StoppableMotion:
         self,
         trajectory: Trajectory,
         limits: JointLimits,
-        mode: Mode = Mode.TIME_PRESERVING,
         checkpoint: Callable[[], None] = lambda: None,
     ) -> None:
         plans: list[Plan | None] = []
@@ -162,9 +163,7 @@ class StoppableMotion:
         self.motion = smoothed(
             trajectory,
             limits,
-            mode,
             planner=planned,
-            refine=False,
             observer=executed,
             checkpoint=check,
         )
@@ -173,7 +172,6 @@ class StoppableMotion:
         self._smoother = Smoother(
             limits,
             trajectory.positions[0],
-            mode,
             planner=lambda *_: next(again, None),
             observer=self._repeated,
         )

@@ -165,6 +165,7 @@ def _configuration(
     smoothing = Smoothing(
         None if values['smoothing'] == 'none' else values['resample_period'],
         time_optimal=values['timing'] == 'time_optimal',
+        own_points=not profile.program.uses.duration,
         thin=values['smoothing'] == 'thin',
         deviation=values['thin_deviation'],
         tolerance=values['smoothing_tolerance'],

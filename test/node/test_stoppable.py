@@ -12,8 +12,7 @@ from support.smoother_harness import LIMITS, PLAN
 
 from epson_driver.motion import Trajectory
 from epson_driver.motion.interpolation import Interpolation, hermite, polynomial
-from epson_driver.motion.smoothed import MAX_STEP_S, smoothed
-from epson_driver.motion.smoother import Mode
+from epson_driver.motion.smoothed import MAX_STEP_S, smoothed, time_optimal
 from epson_driver.node import stoppable
 from epson_driver.node.stoppable import StoppableMotion
 
@@ -43,12 +42,14 @@ def largest(points: Trajectory) -> list[float]:
 
 
 @pytest.mark.invariant(2, 3)
-@pytest.mark.parametrize('mode', Mode)
+@pytest.mark.parametrize('plan', [PLAN, time_optimal(PLAN, LIMITS)])
 @pytest.mark.parametrize('fraction', one_in(3, [0.0, 0.03, 0.2, 0.5, 0.77, 0.97, 1.0]))
-def test_motion_and_its_stop_are_one_motion_within_the_limits(mode: Mode, fraction: float) -> None:
-    whole = StoppableMotion(PLAN, LIMITS, mode)
+def test_motion_and_its_stop_are_one_motion_within_the_limits(
+    plan: Trajectory, fraction: float
+) -> None:
+    whole = StoppableMotion(plan, LIMITS)
     motion = whole.motion
-    assert np.array_equal(motion.positions, smoothed(PLAN, LIMITS, mode, refine=False).positions)
+    assert np.array_equal(motion.positions, smoothed(plan, LIMITS).positions)
     time = fraction * motion.duration
     whole.follow(time / 2)
     stopped = whole.stopped(time, LONGEST_S)

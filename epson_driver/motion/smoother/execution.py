@@ -16,8 +16,12 @@ from epson_driver.motion.smoother.request import ActivePlan, Problem
 from epson_driver.motion.smoother.waypoints import MIN_MOVE, Waypoint, Waypoints
 from epson_driver.motion.time_parametrisation import TimeParametrisation
 
-JUST_STARTED_S = 1e-6
+JUST_STARTED_S = 2e-5
 """Time after a start from rest during which the arm still counts as at rest."""
+
+MAX_STOP_RATIO = 8.0
+"""Maximum duration of a stop on the path, as a multiple of the fastest stop's. Near a rest, the
+parameter of a path in time still rises by 1 per second."""
 
 Observer = Callable[[float, ActivePlan | JointMotion | None], None]
 """Function called with the start time, s, and each new motion, which is None for a rest."""
@@ -156,11 +160,14 @@ class Execution:
     def stop(self) -> None:
         """Come to rest, on the path if possible. The caller must have discarded all points."""
         state = self.motion
-        if self.at_rest:
+        if self.at_rest or (self.plan is not None and self._just_started(self.plan)):
             self._waypoints.continue_from(state.position)
             self._arrive(state.position)
         elif not self.stopping:
             timing = None if self.plan is None else self._stop_on(self.plan)
+            brake = fastest_stop(self._waypoints.limits, state)
+            if timing is not None and timing.duration > MAX_STOP_RATIO * brake.duration:
+                timing = None
             if self.plan is not None and timing is not None:
                 self._execute(dataclasses.replace(self.plan, timing=timing, start=self.now))
                 self._waypoints.continue_from(self.plan.path.at(timing.end)[0])
@@ -196,8 +203,11 @@ class Execution:
             self._execute(dataclasses.replace(plan, timing=timing, start=self.now, pause=True))
 
     def _just_started(self, plan: ActivePlan) -> bool:
-        from_rest = plan.timing.velocities[0] == 0.0 == plan.timing.accelerations[0]
-        return bool(from_rest) and self.now - plan.start < JUST_STARTED_S
+        if self.now - plan.start >= JUST_STARTED_S:
+            return False
+        _, first, second = plan.path.at(float(plan.timing.positions[0]))
+        v, a = plan.timing.velocities[0], plan.timing.accelerations[0]
+        return not ((first * v).any() or (first * a + second * v**2).any())
 
     def _stop_on(self, plan: ActivePlan) -> TimeParametrisation | None:
         state = plan.timing.at(self.now - plan.start)

@@ -78,7 +78,7 @@ class LimitUsage:
 def limit_usage(path: Path, timing: TimeParametrisation, limits: JointLimits) -> LimitUsage:
     spans = _spans(path, timing)
     confined = _confined(path, limits)
-    inside = _forward(timing) and _continuous(timing)
+    inside = _forward(timing) and _continuous(path, timing)
     parts: list[tuple[Array, Array]] = []
     for halvings_left in range(MAX_HALVINGS, -1, -1):
         middles, hull, outside, undecided = _span_usage(path, spans, limits, confined)
@@ -185,8 +185,11 @@ def _forward(timing: TimeParametrisation) -> bool:
     return bool(min(lowest.min(), timing.velocities.min()) >= -BACKWARD_SPEED)
 
 
-def _continuous(timing: TimeParametrisation) -> bool:
-    """Return whether each piece of a timing ends where the next starts, and the last at rest."""
+def _continuous(path: Path, timing: TimeParametrisation) -> bool:
+    """Return whether each piece of a timing ends where the next starts, and the last at rest.
+
+    At the end of a path that ends at rest itself, u̇ may jump.
+    """
     t = np.diff(timing.times)
     v, a, j = timing.velocities[:-1], timing.accelerations[:-1], timing.jerks
     gaps = (
@@ -195,6 +198,8 @@ def _continuous(timing: TimeParametrisation) -> bool:
         a + t * j - timing.accelerations[1:],
     )
     largest = float(np.max(np.abs(timing.accelerations)))
+    if timing.end == path.end and not (path.knots.first[-1].any() or path.knots.second[-1].any()):
+        gaps[1][-1] = 0.0
     return bool(
         t.min() >= 0.0
         and np.max(np.abs(gaps[0])) <= JUMP_TOLERANCE

@@ -43,6 +43,9 @@ _HULLS = np.concatenate(
     [_hull_of(i / HULL_PARTS, (i + 1) / HULL_PARTS) for i in range(HULL_PARTS)]
 )
 
+_PLACES = np.linspace(0.0, 1.0, 17)
+"""Fractions of a segment at which its distance from the chord is measured."""
+
 _BINOMIALS = np.array([[comb(n, k) for n in range(DEGREE + 1)] for k in range(DEGREE + 1)], float)
 _SHIFT_EXPONENTS = np.maximum(np.subtract.outer(range(DEGREE + 1), range(DEGREE + 1)).T, 0)
 """Exponents of s in (x + s)ⁿ = Σ binomial(n, k) sⁿ⁻ᵏ xᵏ, in row k and column n."""
@@ -170,6 +173,16 @@ class Path:
         hulls: Array = _HULL @ self._coefficients
         return hulls
 
+    def bends(self) -> Array:
+        """Return each segment's maximum distance from its chord in any joint, shape (k - 1,)."""
+        knots = self.knots
+        us = knots.u[:-1, None] + self._lengths[:, None] * _PLACES
+        chords = np.diff(knots.position, axis=0)[:, None]
+        since = self.sample(us.ravel())[0].reshape(*us.shape, -1) - knots.position[:-1, None]
+        along = np.clip((since * chords).sum(axis=2) / (chords**2).sum(axis=2), 0.0, 1.0)
+        bends: Array = np.abs(since - along[:, :, None] * chords).max(axis=(1, 2))
+        return bends
+
     def outside(self, limits: JointLimits) -> npt.NDArray[np.bool_]:
         """Return which joints may leave their position limits in each segment, (k - 1, n)."""
         low = limits.position_min - POSITION_TOLERANCE
@@ -200,6 +213,24 @@ def line(knots: Knots, point: Array, limits: JointLimits) -> Path:
     length = chord_lengths(ends, limits)
     slope = np.tile(np.diff(ends, axis=0) / length, (2, 1))
     return Path(Knots(np.append(start.u, start.u + length), ends, slope, np.zeros_like(ends)))
+
+
+def in_time(knots: Knots, points: Array, times: Array, final: bool) -> Path:
+    """Return the path along some knots and then through points, with the time as u.
+
+    The path is the cubic spline of time. points: shape (m, n), m ≥ 1. times: times of the last
+    knot and of the points, s, shape (m + 1,). The knots (one or more) do not change. If `final`,
+    the arm rests at the last point.
+    """
+    chain = np.concatenate([knots.position[-1:], points])
+    u = knots.u[-1] + times - times[0]
+    level = np.full(chain.shape, _FREE)
+    if final:
+        level[-1] = _LEVEL
+    neither = np.zeros(chain.shape, dtype=bool)
+    start = (knots.first[-1], knots.second[-1])
+    first, second = _cubic_spline(u, chain, level, np.zeros_like(chain), start, neither, neither)
+    return _continued(knots, Knots(u[1:], points, first[1:], second[1:]))
 
 
 def through(
@@ -248,8 +279,12 @@ def through(
                     level[knot, joint] = step
                     changed = True
                     break
-    new = path.knots[1:] if clamped else path.knots
-    old = knots if clamped else knots[: len(knots.u) - 1]
+    if clamped:
+        return _continued(knots, path.knots[1:])
+    return _continued(knots[: len(knots.u) - 1], path.knots)
+
+
+def _continued(old: Knots, new: Knots) -> Path:
     names = ('u', 'position', 'first', 'second')
     return Path(Knots(*(np.append(getattr(old, n), getattr(new, n), axis=0) for n in names)))
 

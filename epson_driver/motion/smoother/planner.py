@@ -12,11 +12,11 @@ import numpy as np
 
 from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.smoother import optimal, ruckig_move
-from epson_driver.motion.smoother.commanded_times import problem_of, within_horizon
-from epson_driver.motion.smoother.path import Knots, Path, line, through
+from epson_driver.motion.smoother.commanded_times import problem_of, stopping_time, within_horizon
+from epson_driver.motion.smoother.path import Knots, Path, in_time, line, through
 from epson_driver.motion.smoother.request import MAX_EFFORT_US, Effort, Plan, Problem, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
-from epson_driver.motion.time_parametrisation import TimeParametrisation
+from epson_driver.motion.time_parametrisation import TimeParametrisation, as_commanded
 
 REACHES_IN_BRAKING_DISTANCES = (1.5, 2.0, 3.0, 4.0, 6.0)
 """Distances to a stop that are tried, as multiples of the shortest braking distance."""
@@ -85,7 +85,21 @@ def _until(path: Path, start: float, end: float) -> Path:
 URGENT_SHARE = 0.15
 """Additional computing effort that an urgent plan may take, as a fraction of MAX_EFFORT_US."""
 
-OPTIMAL, BRANCH = 'optimal', 'branch'
+OPTIMAL, BRANCH, AS_COMMANDED = 'optimal', 'branch', 'as commanded'
+
+BRAKING_IN_STOPPING_TIMES = (1.5, 2.2, 3.0)
+"""Times before the last known point at which a plan that keeps the commanded times may begin to
+brake for it."""
+
+UNSETTLED_KNOTS = 6
+"""Number of knots before the last known one whose derivatives still depend on the next points."""
+
+MAX_BEND_RATIO, FREE_BEND = 1.5, 1e-2
+"""A spline of time may be farther from the lines between its points than the usual spline by this
+ratio, or by FREE_BEND, rad (or m), in all."""
+
+MIN_COMMANDED_S = 0.05
+"""Minimum time from the start of such a plan until it brakes, s."""
 
 BRANCH_SHARES = (0.15, 0.4, 0.75)
 """Times at which a plan may branch off from the current one, as fractions of the current plan's
@@ -100,12 +114,24 @@ BRANCH_TOLERANCE = 1e-2
 
 def plan(request: Request, limits: JointLimits) -> Plan | None:
     """Return a verified plan, or None if none was found and the current plan must continue."""
-    first = _path(request, request.knots, limits)
     effort = Effort()
+    result = None if request.pause else _as_commanded(request, limits, effort)
+    if result is None:
+        result = _within_limits(request, limits, effort)
+        if result is not None and request.in_time:
+            result = dataclasses.replace(result, in_time=True)
+    return result
+
+
+def _within_limits(request: Request, limits: JointLimits, effort: Effort) -> Plan | None:
+    """Return a plan that respects the commanded times where the limits allow it, or None."""
+    first = _path(request, request.knots, limits)
     if request.pause:
         path = first if request.current_knots is None else Path(request.current_knots)
         timing = _pause(problem_of(request, path, limits, 1.0, effort))
         return None if timing is None else Plan(request.start, path.knots, timing, 'stop')
+    if request.in_time and len(request.points) and not _is_near(first, request, limits):
+        return None
     at_rest = len(request.knots.u) == 1
     if at_rest and len(request.points) == 1 and request.whole and not request.timed.any():
         # the straight path is optimal, because the arm is at rest before and after it
@@ -123,6 +149,58 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
     if result is None and request.urgent:
         return _simple(request, first, limits)
     return result
+
+
+def _as_commanded(request: Request, limits: JointLimits, effort: Effort) -> Plan | None:
+    """Return a plan that respects all commanded times exactly, or None.
+
+    The path is the cubic spline of time through the points. Such a plan exists if the points are
+    close enough in time, and their times need no more than the limits. It keeps them until it must
+    brake for the last known point.
+    """
+    at_rest = len(request.knots.u) == 1
+    on_time = request.in_time and request.state[1:] == (1.0, 0.0)
+    if not (request.timed[1:].all() and len(request.points) and (at_rest or on_time)):
+        return None
+    known = len(request.knots.u) - 1
+    path = in_time(request.knots, request.points, request.clock[known:], request.whole)
+    if not _is_near(path, request, limits):
+        return None
+    knots = path.knots.u
+    settled = knots[: max(len(knots) - UNSETTLED_KNOTS, 1)]
+    _, _, acceleration, jerk = path.sample(settled)
+    if np.any(np.abs(acceleration) > limits.acceleration) or np.any(np.abs(jerk) > limits.jerk):
+        return None
+    start = request.state[0]
+    if request.whole:
+        timing = as_commanded(start, path.end, rests=True)
+        if Problem(path, request.state, limits, effort=effort).usage(timing).allowed:
+            return Plan(request.start, path.knots, timing, AS_COMMANDED, True)
+    for times in BRAKING_IN_STOPPING_TIMES:
+        end = path.end - times * stopping_time(limits)
+        end = min(max(end, start + MIN_COMMANDED_S), float(settled[-1]))
+        if effort.used_up or end < start + MIN_COMMANDED_S:
+            break
+        tail = Problem(path, (end, 1.0, 0.0), limits, (knots, np.ones_like(knots)), effort)
+        braking = optimal.propose(tail, SpeedBounds(tail), tolerance=BRANCH_TOLERANCE)
+        if braking is None:
+            continue
+        timing = as_commanded(start, end, rests=False).then(braking)
+        if tail.usage(timing).allowed:
+            return Plan(request.start, path.knots, timing, AS_COMMANDED, True)
+    return None
+
+
+def _is_near(path: Path, request: Request, limits: JointLimits) -> bool:
+    """Return whether a path in time is about as near to the lines between its points as usual.
+
+    It is not if the times are irregular.
+    """
+    chain = np.concatenate([request.knots.position, request.points])
+    still = np.zeros_like(chain[:1])
+    usual = through(Knots(np.zeros(1), chain[:1], still, still), chain[1:], limits, False, True)
+    bends = np.stack([path.bends(), usual.bends()])[:, -len(request.points) :]
+    return bool(np.all(bends[0] <= np.maximum(MAX_BEND_RATIO * bends[1], FREE_BEND)))
 
 
 def _fresh(
@@ -189,4 +267,6 @@ def _path(request: Request, knots: Knots, limits: JointLimits) -> Path:
     points = request.points[len(knots.u) - len(request.knots.u) :]
     if not len(points):
         return Path(knots)
+    if request.in_time:
+        return in_time(knots, points, request.clock[len(knots.u) - 1 :], request.whole)
     return through(knots, points, limits, clamped=len(knots.u) > 1, final=request.whole)

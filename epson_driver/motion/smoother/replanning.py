@@ -133,6 +133,7 @@ class Replanning:
             pending.request.clock[:count],
             first,
             pending.request.pause,
+            answer.in_time,
         )
         short = count < len(pending.route) or answer.timing.end < answer.knots.u[-1]
         self.news = self.news or pending.more or short
@@ -238,6 +239,7 @@ class Replanning:
             current_timing,
             route[-1].rest is not None,
             self._catch_up,
+            plan is not None and plan.in_time,
         )
         return PendingRequest(request, route, more)
 

@@ -58,6 +58,8 @@ class Request:
     """Whether the last point of the request is also the end of the trajectory."""
     catch_up: float = math.inf
     """Maximum ratio of the speed to the commanded speed while a motion makes up a delay."""
+    in_time: bool = False
+    """Whether the parameter of the current path is the commanded time, s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +74,8 @@ class Plan:
     knots: Knots
     timing: TimeParametrisation
     proposer: str
+    in_time: bool = False
+    """Whether the path parameter is the commanded time, s."""
 
 
 PASSED_TYPES = (Request, Plan, Knots, TimeParametrisation, JointLimits)
@@ -93,6 +97,7 @@ class ActivePlan:
     clocks: Array
     start: float
     pause: bool
+    in_time: bool = False
 
     @property
     def end(self) -> float:
