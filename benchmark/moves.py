@@ -19,7 +19,7 @@ import numpy as np
 
 from epson_driver import aio
 from epson_driver.driver.goal.planning_cancellation import PlanningCancellation
-from epson_driver.driver.smoothing import SmoothingProcess
+from epson_driver.driver.smoothing import Smoothing, SmoothingProcess
 from epson_driver.driver.smoothing_worker import smoothed_trajectory
 from epson_driver.motion import Trajectory
 from epson_driver.sim_controller.core import Controller
@@ -77,10 +77,11 @@ async def _smoothed(
     trajectory: Trajectory,
     start: np.ndarray,
     share: tuple[float, float] = (1.0, 1.0),
+    smoothing: Smoothing | None = None,
 ) -> Trajectory:
     await asyncio.sleep(SMOOTHING_S)
     limits, settings = process._limits.scaled(*share), process._smoothing  # noqa: SLF001
-    return smoothed_trajectory(trajectory, start, limits, settings)
+    return smoothed_trajectory(trajectory, start, limits, smoothing or settings)
 
 
 async def _here(_scope: PlanningCancellation, work: Callable[[], object]) -> object:

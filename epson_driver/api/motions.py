@@ -77,22 +77,23 @@ class Motions(Arm):
         at each of these points. Planning may take seconds, even with `wait=False`. Raises the
         exceptions of `move_joints`.
         """
-        from epson_driver.driver.smoothing import Smoothing, SmoothingError, SmoothingProcess
+        from epson_driver.driver.smoothing import Smoothing, SmoothingError
 
         limits = self.model.limits
         moves.check_speeds(speed, acceleration)
         waypoints = moves.targets('points', points, limits)
         start, plan = await self._connection.ready()
-        scaled = limits.scaled(speed, acceleration)
-        smoother = SmoothingProcess(
-            scaled, Smoothing(time_optimal=True, longest=LONGEST_SEGMENT_S)
-        )
+        smoother = self._connection.running.goal_queue.smoother
+        ignored = not self._setup.profile.program.uses.duration
+        smoothing = Smoothing(time_optimal=True, own_points=ignored, longest=LONGEST_SEGMENT_S)
         try:
-            trajectory = await smoother.prepared(waypoints, start)
+            trajectory = await smoother.prepared(
+                waypoints, start, (speed, acceleration), smoothing
+            )
         except SmoothingError as error:
             raise not_started(str(error)) from error
         finally:
-            await smoother.close()
+            smoother.make_ready()
         return await self._connection.execute(trajectory, plan, wait=wait)
 
     @checked_arguments

@@ -80,6 +80,7 @@ class SmoothingProcess:
         self._smoothing = smoothing
         self._lock = asyncio.Lock()
         self._next: asyncio.Task[asyncio.subprocess.Process] | None = None
+        self._current: asyncio.subprocess.Process | None = None
         self._closed = False
 
     def make_ready(self) -> None:
@@ -87,27 +88,35 @@ class SmoothingProcess:
             self._next = asyncio.create_task(start_worker(WORKER))
 
     async def prepared(
-        self, trajectory: Trajectory, start: Array, share: tuple[float, float] = (1.0, 1.0)
+        self,
+        trajectory: Trajectory,
+        start: Array,
+        share: tuple[float, float] = (1.0, 1.0),
+        smoothing: Smoothing | None = None,
     ) -> Trajectory:
         """Return the smooth motion for a checked trajectory of an arm at rest at `start`.
 
-        `share`: maximum velocity and acceleration, as fractions of the limits.
+        `share`: maximum velocity and acceleration, as fractions of the limits. `smoothing`: other
+        settings than usual.
         """
         async with self._lock:
-            process = await self._next_process()
+            self._current = process = await self._next_process()
             try:
-                arguments = (trajectory, start, self._limits.scaled(*share), self._smoothing)
+                limits = self._limits.scaled(*share)
+                arguments = (trajectory, start, limits, smoothing or self._smoothing)
                 result = await result_of(process, arguments, (Trajectory,), TIMEOUT_S)
                 if not isinstance(result, Trajectory):
                     raise SmoothingError(str(result))
                 return result
             finally:
+                self._current = None
                 await end_worker(process)
 
     async def _next_process(self) -> asyncio.subprocess.Process:
         self.make_ready()
         starting = self._next
-        assert starting is not None  # noqa: S101 - for the type checker
+        if starting is None:
+            raise SmoothingError('the driver has ended')
         try:
             process = await asyncio.shield(starting)  # if cancelled, it stays for the next goal
         except OSError as error:
@@ -117,11 +126,10 @@ class SmoothingProcess:
         return process
 
     async def close(self) -> None:
-        """End the process that was started in advance, if any.
-
-        The caller must have cancelled all calls of `prepared`.
-        """
+        """End the processes. A pending call of `prepared` raises SmoothingError."""
         self._closed = True
+        if self._current is not None and self._current.returncode is None:
+            self._current.kill()
         async with self._lock:
             starting, self._next = self._next, None
             if starting is not None:

@@ -8,8 +8,8 @@ import gc
 import numpy as np
 import pytest
 from support.api_harness import FAR, ports_of, robot_cell
-from support.driver_harness import ScriptedController, answer, simulated
-from support.event_loop import real_time, run, stand_still, until
+from support.driver_harness import ScriptedController, answer, simulated, smooth_in_process
+from support.event_loop import run, stand_still, until
 from support.examples import one_in
 from support.sim_process import vacant_port
 from support.two_jaws import TwoJaws
@@ -179,8 +179,7 @@ async def started(robot, how):
     if how == 'joints':
         return await robot.move_joints(LONG, speed=0.08, wait=False)
     if how == 'waypoints':
-        with real_time():  # for the planning process
-            return await robot.move_waypoints([LONG], speed=0.08, wait=False)
+        return await robot.move_waypoints([LONG], speed=0.08, wait=False)
     return await robot.move_trajectory([6.0], [LONG], wait=False)
 
 
@@ -200,7 +199,8 @@ async def started(robot, how):
         several=True,
     ),
 )
-async def test_paused_motion_of_every_kind_resumes(profile, smooth, how):
+async def test_paused_motion_of_every_kind_resumes(monkeypatch, profile, smooth, how):
+    smooth_in_process(monkeypatch)
     own_speed = Settings(require_planned_speed=profile != 'fanuc')
     async with robot_cell(profile=profile, smooth=smooth, settings=own_speed) as (robot, _):
         start = robot.joints

@@ -8,8 +8,8 @@ import contextlib
 import numpy as np
 import pytest
 from support.api_harness import robot_cell
-from support.driver_harness import simulated
-from support.event_loop import real_time, run, until
+from support.driver_harness import simulated, smooth_in_process
+from support.event_loop import run, until
 from support.remote_peer import RemotePeer
 
 from epson_driver import Robot, aio
@@ -284,13 +284,11 @@ REFUSED = {
 
 @pytest.mark.parametrize('case', REFUSED)
 @pytest.mark.invariant(1)
-async def test_remote_controller_rejects_trajectories_of_several_points(case):
+async def test_remote_controller_rejects_trajectories_of_several_points(monkeypatch, case):
+    smooth_in_process(monkeypatch)
     async with remote_cell() as (robot, controller):
         await robot.move_joints(START)
-        with (
-            real_time(),  # for the planning process
-            pytest.raises(MotionError, match=r'a plan of \d+ points: over Remote Ethernet'),
-        ):
+        with pytest.raises(MotionError, match=r'a plan of \d+ points: over Remote Ethernet'):
             await REFUSED[case](robot)
         await assert_stays_at_rest(controller)
 

@@ -184,6 +184,18 @@ def test_error_text_of_the_smoother_process_is_reported():
         asyncio.run(prepared(start, later))
 
 
+def replace_worker(monkeypatch, code):
+    """Let the smoother's process run other Python code."""
+
+    async def start_worker(_module):
+        pipe = asyncio.subprocess.PIPE
+        return await asyncio.create_subprocess_exec(
+            sys.executable, '-S', '-c', code, stdin=pipe, stdout=pipe
+        )
+
+    monkeypatch.setattr(smoothing_module, 'start_worker', start_worker)
+
+
 @pytest.mark.parametrize(
     ('code', 'text'),
     [
@@ -194,15 +206,26 @@ def test_error_text_of_the_smoother_process_is_reported():
 )
 @pytest.mark.invariant(9)
 def test_inv9_failed_smoothing_process_is_an_error_of_its_goal(monkeypatch, code, text):
-    async def start_worker(_module):
-        pipe = asyncio.subprocess.PIPE
-        return await asyncio.create_subprocess_exec(
-            sys.executable, '-S', '-c', code, stdin=pipe, stdout=pipe
-        )
-
-    monkeypatch.setattr(smoothing_module, 'start_worker', start_worker)
+    replace_worker(monkeypatch, code)
     with pytest.raises(SmoothingError, match=text):
         asyncio.run(prepared(np.zeros(6)))
+
+
+@pytest.mark.invariant(9)
+def test_inv9_close_ends_a_motion_in_preparation(monkeypatch):
+    replace_worker(monkeypatch, 'input(); input()')
+
+    async def scenario():
+        smoother = SmoothingProcess(LIMITS, Smoothing(0.05))
+        pending = asyncio.create_task(smoother.prepared(PLAN, PLAN.positions[0]))
+        await asyncio.sleep(0.1)
+        await smoother.close()
+        with pytest.raises(SmoothingError, match='the smoother ended'):
+            await pending
+        with pytest.raises(SmoothingError, match='the driver has ended'):
+            await smoother.prepared(PLAN, PLAN.positions[0])
+
+    asyncio.run(scenario())
 
 
 @pytest.mark.invariant(9)

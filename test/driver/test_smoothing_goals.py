@@ -241,7 +241,7 @@ def test_stalled_event_loop_reads_new_joints_before_it_starts_a_goal(monkeypatch
 
 async def test_smoothing_process_exists_only_if_needed_and_ends_with_the_driver():
     async with cell() as (harness, _):
-        assert process_of(harness) is None
+        assert process_of(harness)._next is None
     async with cell(smoothing=RESAMPLE) as (harness, _):
         ready = await process_of(harness)._next
         assert ready.returncode is None

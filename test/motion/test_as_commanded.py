@@ -188,7 +188,8 @@ def test_irregular_later_times_do_not_bend_the_path(seed: int) -> None:
     wanted = smoothed(points, ARM, period=0.002).positions
     for _, motion in smoother.executed:
         if isinstance(motion, ActivePlan):
-            places = motion.path.sample(np.linspace(*motion.timing.positions[[0, -1]], 300))[0]
+            first, last = motion.timing.positions[[0, -1]].tolist()
+            places = motion.path.sample(np.linspace(first, last, 300))[0]
             apart = np.abs(places[:, None] - wanted).max(axis=2).min(axis=1)
             assert apart.max() < 0.02
 

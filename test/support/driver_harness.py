@@ -199,10 +199,11 @@ def plan_in_real_time(patch):
 def smooth_in_process(patch, delay=0.0):
     """Smooth goals in this process instead of a worker process, and take `delay` s for it."""
 
-    async def prepared(process, trajectory, start, share=(1.0, 1.0)):
+    async def prepared(process, trajectory, start, share=(1.0, 1.0), smoothing=None):
         await asyncio.sleep(delay)
-        settings = (process._limits.scaled(*share), process._smoothing)  # noqa: SLF001
-        return smoothed_trajectory(trajectory, start, *settings)
+        settings = smoothing or process._smoothing  # noqa: SLF001
+        limits = process._limits.scaled(*share)  # noqa: SLF001
+        return smoothed_trajectory(trajectory, start, limits, settings)
 
     patch.setattr(SmoothingProcess, 'prepared', prepared)
     patch.setattr(SmoothingProcess, 'make_ready', lambda process: None)

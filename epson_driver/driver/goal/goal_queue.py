@@ -108,8 +108,8 @@ class GoalQueue:
         stopper.stopped_velocity = settings.stopped_velocity
         self._changed = changed
         self._on_broken_off = on_broken_off
-        smoothing = configuration.smoothing
-        self.smoother = SmoothingProcess(limits, smoothing) if smoothing.wanted else None
+        self._smooths = configuration.smoothing.wanted
+        self.smoother = SmoothingProcess(limits, configuration.smoothing)
         self._running: GoalHandle | None = None
         self._waiting: GoalHandle | None = None
         self.plans = PlanningCancellations()  # goals in planning: submitting a goal cancels them
@@ -153,13 +153,12 @@ class GoalQueue:
             self.stops.remove(why)
 
     def make_ready(self) -> None:
-        if self.smoother is not None:
+        if self._smooths:
             self.smoother.make_ready()
 
     async def close(self) -> None:
         """Close the smoothing process. Must not be called while a goal runs."""
-        if self.smoother is not None:
-            await self.smoother.close()
+        await self.smoother.close()
 
     def submit(self, handle: GoalHandle) -> None:
         """Execute a goal after stopping the running goal. Abort an invalid goal immediately.
@@ -355,7 +354,7 @@ class GoalQueue:
             self._prepare(handle, execution, sample)
 
     def _prepare(self, handle: GoalHandle, execution: GoalExecution, sample: JointSample) -> None:
-        if self.smoother is None and execution.goal.start <= _now():
+        if not self._smooths and execution.goal.start <= _now():
             with execution.ended_by_rejection():
                 self._execute(execution, execution.goal.trajectory, sample)
         else:
@@ -364,7 +363,7 @@ class GoalQueue:
     async def _execute_later(self, execution: GoalExecution, sample: JointSample) -> None:
         """Smooth a goal's motion, wait for its start time, and execute it if still allowed."""
         trajectory = execution.goal.trajectory
-        if self.smoother is not None:
+        if self._smooths:
             try:
                 trajectory = await self.smoother.prepared(
                     trajectory, sample.positions, execution.plan_share
