@@ -151,6 +151,9 @@ DISPLAYING = frozenset(
 )
 """Statements that display values if they have no argument. This is not simulated."""
 
+DISPLAYING_ONE = frozenset({'arch', 'local', 'tlset'})
+"""Statements that display the values of one number if it is the only argument."""
+
 MOVING = frozenset({'home', 'jtran', 'ptran'})
 """Statements that the host executes, and that move the arm without a target point."""
 

@@ -122,6 +122,9 @@ class Reader:
         result = token.text[:40] or token.kind
         return SyntaxProblem(token.position, f'expected {expected}, found {result}')
 
+    def has(self, text: str) -> bool:
+        return any(token.text == text for token in self._tokens[self._next :])
+
     def at_end(self) -> bool:
         return self.here.kind == END
 

@@ -49,14 +49,16 @@ def _open(mode: str) -> Callable[[Task, str, int], None]:
 
 
 def close(task: Task, number: float) -> None:
-    flush(task, number)
+    if not opened(task, 'Close', nearest(number)).reads:
+        flush(task, number)
     del task.world.open_files[nearest(number)]
 
 
 def flush(task: Task, number: float) -> None:
     file = opened(task, 'Flush', nearest(number))
-    if not file.reads:
-        task.world.files.write(file.name, bytes(file.data))
+    if file.reads:
+        raise bad('Flush', f'file {number:g} is open for reading')
+    task.world.files.write(file.name, bytes(file.data))
 
 
 def write(task: Task, name: str, number: int, data: bytes) -> None:

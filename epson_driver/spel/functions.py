@@ -80,9 +80,9 @@ task t? s: Erf$
 task i,i? s: ErrMsg$
 task s i: FileExists IONumber
 host i i: CtrlInfo Stat RobotInfo TLDef Accel Pls RealPls
-host i? i: SysErr Speed AccelMax
-host - i: ErrorOn* EStopOn* SafetyOn* PauseOn* TeachOn* Motor* AtHome*
-host - i: Power RobotType InPos TillOn JS PosFound Tool Arm Robot CP SpeedFactor
+host i? i: SysErr Speed AccelMax Motor* Power
+host - i: ErrorOn* EStopOn* SafetyOn* PauseOn* TeachOn* AtHome*
+host - i: RobotType InPos TillOn JS PosFound Tool Arm Robot CP SpeedFactor
 host - p: FindPos Here CurPos RealPos
 host i p: TLSet
 host - s: RobotModel$ RobotName$
@@ -94,7 +94,7 @@ host p f: CX CY CZ CU CV CW
 host p,i i: PPls
 host p,i f: PAgl
 host p i: TargetOK
-host p,i,i f: PTPTime
+host p,i,i,p?,i?,i? f: PTPTime
 """
 
 

@@ -12,6 +12,7 @@ from epson_driver.inputs import near_name
 from epson_driver.spel.commands import (
     COMMANDS,
     DISPLAYING,
+    DISPLAYING_ONE,
     KEYWORDS,
     SHOWN,
     SHOWN_IN_LOW_POWER,
@@ -270,7 +271,8 @@ class Parser(Statements):
         reader.step()
         if reader.at_end() and word in SHOWN:
             return _displayed(first)
-        if reader.at_end() and (word in DISPLAYING or (rule.robot and rule.needs_arguments)):
+        shows = word in DISPLAYING or (rule.robot and rule.needs_arguments)
+        if (reader.at_end() and shows) or (word in DISPLAYING_ONE and not reader.has(',')):
             return [self.read_stub(reader, first)]
         if rule.form.startswith('@'):
             method = getattr(self, rule.form.replace('@', 'read_'))

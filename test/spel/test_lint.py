@@ -112,6 +112,8 @@ BAD = [
     ('version', 1, 'Function main As Int64\nFend'),
     ('version', 1, 'Function f(a As UShort)\nFend'),
     ('unknown', 3, main('  Foo 1')),
+    ('not-simulated', 3, main('  Arch 1')),  # p110
+    ('not-simulated', 3, main('  Print ProjectName$')),  # p647
     ('not-simulated', 3, main('  Curve "a", O, 0, 4, P1, P2, On 2, P(3:7)')),  # p268
     ('not-simulated', 3, main('  CVMove "a" CP Till Sw(1) = On !D10; On 1; Wait 0.1; Off 1!')),
     ('not-simulated', 3, main('  Box 1, 1, -200, 300, 0, 500, -100, 0, On /LOCAL1')),  # p169

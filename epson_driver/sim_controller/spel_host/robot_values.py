@@ -171,13 +171,19 @@ def _least_motion(robot: RobotContext, arguments: Arguments) -> Point:
 
 
 def _time(robot: RobotContext, arguments: Arguments) -> float:
-    """Return the duration of a Go from the current position, s, or 0 if this Go is impossible."""
+    """Return the duration of a Go, s, or 0 if the Go is impossible.
+
+    It starts at the current position, or at the first of two points (SPEL+ manual p652).
+    """
+    start = robot.here
     try:
-        target = robot.points.joints(_point(arguments[0]), robot.here)
+        for point in arguments[:-3:3]:
+            start = robot.points.joints(_point(point), start)
+        target = robot.points.joints(_point(arguments[-3]), start)
     except SpelError:
         return 0.0
     spel = robot.controller.spel
-    return go(robot.controller.model.limits, robot.here, target, spel.speed, spel.accel).duration
+    return go(robot.controller.model.limits, start, target, spel.speed, spel.accel).duration
 
 
 def _where(robot: RobotContext, arguments: Arguments) -> str:
