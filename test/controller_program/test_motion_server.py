@@ -149,10 +149,10 @@ def test_unanswered_points_fail_before_the_reply_to_stop():
 
 
 def test_ring_wraps_around(harness):
-    for _ in range(9):
-        harness.play(*line(30, 1.0, 0.05))
+    for _ in range(2):
+        harness.play(*line(130, 1.0, 0.03))
         harness.play(to(0, 0.0, 0.5))
-    assert [round(go.target[0]) for go in harness.moves] == [*range(1, 31), 0] * 9
+    assert [round(go.target[0]) for go in harness.moves] == [*range(1, 131), 0] * 2
 
 
 def test_download_in_the_wrong_order_is_refused(harness):

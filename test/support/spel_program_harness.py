@@ -27,6 +27,67 @@ OUR_FILES = read_project(share_path('controller_program'))
 STEP_S = 0.002
 
 
+class ProgramClient:
+    """A client of one port."""
+
+    def __init__(self, harness, port):
+        self.harness = harness
+        self.connection, self.peer = harness.client(port)
+        self.send_bytes, self.raw = self.connection.receive, self.peer.take
+        self.leave = self.connection.closed
+        self._framer = Framer(LITTLE_ENDIAN.byte_order)
+
+    @classmethod
+    def connect(cls, harness, port):
+        """Wait until the port is open, and connect."""
+        harness.step(0.5)
+        client = cls(harness, port)
+        harness.step(0.3)
+        return client
+
+    @property
+    def open(self):
+        """Whether the program has kept the connection."""
+        return self.peer.ended is None
+
+    def send(self, *packets):
+        self.send_bytes(b''.join(encode(packet, LITTLE_ENDIAN) for packet in packets))
+
+    def frames(self):
+        """Return the frames received since the last call."""
+        self._framer.receive_data(self.raw())
+        return list(iter(self._framer.next_frame, None))
+
+    def packets(self):
+        return [decode(frame) for frame in self.frames()]
+
+    def status(self):
+        """Return the next STATUS of the state port."""
+        self.packets()
+        self.harness.step(0.15)
+        return next(item.message for item in self.packets() if isinstance(item.message, Status))
+
+    def replies(self):
+        """Return sequence and reply code of the replies to points since the last call."""
+        return [(item.message.sequence, int(item.reply_code)) for item in self.packets()]
+
+    def stream(self, *points, most=60.0):
+        """Send points like the driver, each after the previous reply. Return the replies."""
+        replies = []
+        for data in points:
+            self.send_bytes(data)
+            self.harness.until(lambda: self.peer.got, most)
+            replies += self.replies()
+        return replies
+
+    def execute(self, trajectory):
+        """Send a trajectory, and assert that each point is accepted."""
+        durations = np.diff(trajectory.times, prepend=trajectory.times[0]).tolist()
+        ways = zip(trajectory.positions.tolist(), durations, strict=True)
+        points = [point(number, joints, 0.0, time) for number, (joints, time) in enumerate(ways)]
+        assert self.stream(*points) == [(number, SUCCESS) for number in range(len(points))]
+
+
 class SpelProgramHarness:
     """A controller that runs `source`. It records the commanded positions."""
 
@@ -85,6 +146,14 @@ class SpelProgramHarness:
         connection = self.controller.connect(port, peer)
         return connection, peer
 
+    @property
+    def now(self):
+        """The controller's time, s."""
+        return self.controller.clock.now
+
+    def connect(self, port='motion'):
+        return ProgramClient.connect(self, port)
+
     def within_limits(self):
         """Return the largest share of velocity and acceleration limits that was used."""
         limits = self.controller.model.limits
@@ -103,56 +172,6 @@ class SpelProgramHarness:
         assert acceleration <= 1.01
 
 
-class ProgramClient:
-    """A client of one port of controller_program/."""
-
-    def __init__(self, harness, port):
-        self.harness = harness
-        self.connection, self.peer = harness.client(port)
-        self.send_bytes, self.raw = self.connection.receive, self.peer.take
-        self.leave = self.connection.closed
-        self._framer = Framer(LITTLE_ENDIAN.byte_order)
-
-    @property
-    def open(self):
-        """Whether the program has kept the connection."""
-        return self.peer.ended is None
-
-    def send(self, *packets):
-        self.send_bytes(b''.join(encode(packet, LITTLE_ENDIAN) for packet in packets))
-
-    def packets(self):
-        """Return the messages received since the last call."""
-        self._framer.receive_data(self.raw())
-        return [decode(frame) for frame in iter(self._framer.next_frame, None)]
-
-    def status(self):
-        """Return the next STATUS of the state port."""
-        self.packets()
-        self.harness.step(0.15)
-        return next(item.message for item in self.packets() if isinstance(item.message, Status))
-
-    def replies(self):
-        """Return sequence and reply code of the replies to points since the last call."""
-        return [(item.message.sequence, int(item.reply_code)) for item in self.packets()]
-
-    def stream(self, *points, most=60.0):
-        """Send points like the driver, each after the previous reply. Return the replies."""
-        replies = []
-        for data in points:
-            self.send_bytes(data)
-            self.harness.until(lambda: self.peer.got, most)
-            replies += self.replies()
-        return replies
-
-    def execute(self, trajectory):
-        """Send a trajectory, and assert that each point is accepted."""
-        durations = np.diff(trajectory.times, prepend=trajectory.times[0]).tolist()
-        ways = zip(trajectory.positions.tolist(), durations, strict=True)
-        points = [point(number, joints, 0.0, time) for number, (joints, time) in enumerate(ways)]
-        assert self.stream(*points) == [(number, SUCCESS) for number in range(len(points))]
-
-
 class OurProgramHarness(SpelProgramHarness):
     """A controller with controller_program/ in the profile `spel`, changed by `defines`."""
 
@@ -165,18 +184,6 @@ class OurProgramHarness(SpelProgramHarness):
         start = None if start is None else np.array(start)
         source = SpelSource(_built[key], network)
         self._start(new_controller(model, profile, start, spel=source), caplog)
-
-    @property
-    def now(self):
-        """The controller's time, s."""
-        return self.controller.clock.now
-
-    def connect(self, port='motion'):
-        """Wait until the program has opened the port, and connect."""
-        self.step(0.5)
-        client = ProgramClient(self, port)
-        self.step(0.3)
-        return client
 
     def ready(self):
         """Switch motors on, and connect a motion client."""
