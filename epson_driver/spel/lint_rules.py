@@ -239,6 +239,16 @@ UNPROVEN = (
         _lines(r"Trap\b[^'\n]*\b(?:Call|Xqt)[ \t]+\w+[ \t]*\("),
     ),
     Form(
+        '`If In(0) Mask 3 = 1`',
+        'Mask in conditions of Wait, Till, Find, Sense and Trap (p527)',
+        'write And',
+        None,
+        _lines(
+            r'(?:(?:If|ElseIf|Select|Do|Loop|Print)\b|\w+[ \t]*=)'
+            r"(?![^'\n]*\b(?:Wait|Till|Find|Sense|Trap)\b)[^'\"\n]*[\w)][ \t]+Mask[ \t]+[\w(&]"
+        ),
+    ),
+    Form(
         '`Declare f, "a.dll"`',
         'As and a type (p278)',
         'add them',

@@ -90,6 +90,7 @@ BAD = [
     ('portable', 3, main('  Go P1 !Speed 5!')),  # p55
     ('portable', 3, main('  Wait Sw(1) = On And Not Sw(2) = On')),
     ('portable', 3, main('  Motor 1')),  # p549
+    ('portable', 3, main('  If (In(0) Mask 3) = 1 Then Print 1')),  # p527
     ('portable', 3, main('  PLocal P1, 2')),  # p634
     ('portable', 5, main('  If Sw(1) = On Then\n    Print 1\n  Else Print 2\n  EndIf')),  # p419
     ('portable', 4, main('  Select Sw(1)\n  Default Print 2\n  Send')),  # p714
