@@ -46,11 +46,13 @@ PATIENCE_S = 600.0
 class Besides:
     """Measures the time of a call without the motion of a controller's arm.
 
-    `motion` is the duration of the last motion, s.
+    `motion` is the duration of the last motion, s, and `ratios` are those of all motions to their
+    planned durations, if the calls return a Motion.
     """
 
     def __init__(self, controller: Controller) -> None:
         self.motion = 0.0
+        self.ratios: list[float] = []
         self._arm = controller.arm
         self._places: list[tuple[float, np.ndarray]] = []
         step = controller.step
@@ -64,11 +66,13 @@ class Besides:
     async def of(self, move: Awaitable[object]) -> float:
         self._places.clear()
         begin = now()
-        await move
+        result = await move
         times = np.array([time for time, _ in self._places])
         steps = np.abs(np.diff([place for _, place in self._places], axis=0)).max(axis=1)
         moving = np.flatnonzero(steps > MOVED)
         self.motion = float(times[moving[-1] + 1] - times[moving[0]])
+        if isinstance(result, aio.Motion):
+            self.ratios.append(self.motion / result.duration)
         return now() - begin - self.motion
 
 
@@ -88,8 +92,11 @@ async def _here(_scope: PlanningCancellation, work: Callable[[], object]) -> obj
     return work()
 
 
-async def moves(robot: aio.Robot, controller: Controller) -> dict[str, float]:
-    """Return the mean times of joint moves and lines besides their motion, s."""
+async def moves(robot: aio.Robot, controller: Controller) -> tuple[dict[str, float], float]:
+    """Return the mean times of joint moves and lines besides their motion, s.
+
+    The second value is the highest ratio of a motion's duration to the planned one.
+    """
     await robot.move_joints(START, speed=1.0, acceleration=1.0)
     home = robot.joints.copy()
     besides = Besides(controller)
@@ -104,7 +111,7 @@ async def moves(robot: aio.Robot, controller: Controller) -> dict[str, float]:
         pose[2, 3] -= LENGTH * (1 - count % 2)
         line = robot.move_line(pose, speed=0.25, acceleration=5.0)
         times['line'].append(await besides.of(line))
-    return {name: float(np.mean(values)) for name, values in times.items()}
+    return {name: float(np.mean(values)) for name, values in times.items()}, max(besides.ratios)
 
 
 async def inputs(robot: aio.Robot, controller: Controller) -> dict[str, float]:
@@ -126,8 +133,10 @@ async def inputs(robot: aio.Robot, controller: Controller) -> dict[str, float]:
 
 async def measure(profile: str) -> None:
     async with robot_cell(profile=profile, smooth=True) as (robot, controller):
-        for name, seconds in (await moves(robot, controller)).items():
+        times, ratio = await moves(robot, controller)
+        for name, seconds in times.items():
             _show(profile, f'{name} besides its motion', seconds, REQUIRED_S[profile])
+        print(f'{profile}, motion / planned: at most {ratio:.2f}')
         for name, seconds in (await inputs(robot, controller)).items():
             _show(profile, name, seconds, REQUIRED_IO_S)
 

@@ -13,7 +13,7 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError
 from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.trajectory import Trajectory, sample_times
+from epson_driver.motion.trajectory import Trajectory, sample_times, with_gaps
 
 LESS_JERK = 1.0 - 1e-9
 """Factor of the jerk limits in a second attempt, after Ruckig has found no trajectory."""
@@ -47,11 +47,17 @@ SHORTEST_MOVE_S = 0.01
 """Duration of a move to the current position, s."""
 
 SAMPLE_PERIOD_S = 0.05
-"""Time between points for a controller that interpolates positions and velocities."""
+"""Maximum time between points for a controller that executes points at their times, s."""
+
+MIN_APART_S = 1e-3
+"""Minimum time between two points at which the jerk changes, s."""
+
+SPEED_SHARE, ACCELERATION_SHARE = 0.999, 0.99
+"""Share of the limits that `straight` uses if the motion is sampled."""
 
 LONGEST_SEGMENT_S = 0.5
-"""Maximum time between points for a controller that does not interpolate velocities, s. It is
-short because the driver cannot slow down a point that it has sent."""
+"""Maximum time between points for other controllers, s. It is short because the driver cannot slow
+down a point that it has sent."""
 
 MIN_MOVE = 1e-9
 """Minimum distance of the joint that moves farthest, rad. A shorter move counts as no move."""
@@ -132,9 +138,16 @@ class LineMotion:
     def points(self, period: float, *, with_start: bool = True) -> Trajectory:
         """Return the motion as points at most `period` s apart.
 
-        Raises ValueError if there would be more than MAX_POINTS.
+        With the start, there is a point wherever the jerk changes: the cubic spline of time
+        through the points is then the motion. Raises ValueError if there would be more than
+        MAX_POINTS.
         """
-        times = sample_times(max(self.duration, SHORTEST_MOVE_S), period)[0 if with_start else 1 :]
+        times = sample_times(max(self.duration, SHORTEST_MOVE_S), period)[1:]
+        if with_start:
+            ends = np.zeros(1) if self._trajectory is None else self.pieces.times
+            apart = np.append(True, np.diff(ends) >= MIN_APART_S)
+            apart[-1] = True
+            times, _ = with_gaps(np.append(ends[apart][:-1], times[-1]), period)
         positions, velocities, _ = zip(*(self.at(time) for time in times.tolist()), strict=True)
         return Trajectory(self._limits.names, times, np.array(positions), np.array(velocities))
 
@@ -186,10 +199,15 @@ def straight(
 ) -> Trajectory:
     """Return the same move as `go`, as points. Raises the same errors as `go`.
 
-    `sampled`: whether the controller interpolates with velocities, and therefore needs samples.
+    `sampled`: whether the controller executes points at their times. The motion is then slightly
+    slower, as messages carry float32.
     """
-    period = SAMPLE_PERIOD_S if sampled else LONGEST_SEGMENT_S
-    return go(limits, start, target, speed, acceleration).points(period, with_start=sampled)
+    if not sampled:
+        return go(limits, start, target, speed, acceleration).points(
+            LONGEST_SEGMENT_S, with_start=False
+        )
+    motion = go(limits, start, target, SPEED_SHARE * speed, ACCELERATION_SHARE * acceleration)
+    return motion.points(SAMPLE_PERIOD_S)
 
 
 def check_fractions(speed: float, accel: float) -> None:

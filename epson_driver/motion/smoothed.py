@@ -7,7 +7,6 @@ from itertools import chain, pairwise
 from math import ceil
 
 import numpy as np
-import numpy.typing as npt
 
 from epson_driver.motion.closest_samples import passed
 from epson_driver.motion.fastest import MAX_PATH_TOLERANCE, corners, fastest
@@ -17,7 +16,7 @@ from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, S
 from epson_driver.motion.smoother.banded import solve_pentadiagonal
 from epson_driver.motion.smoother.execution import Observer
 from epson_driver.motion.smoother.waypoints import MIN_DWELL_S, MIN_MOVE, Waypoints
-from epson_driver.motion.trajectory import Trajectory
+from epson_driver.motion.trajectory import Trajectory, with_gaps
 
 MIN_TOLERANCE = 2.0 * MERGE_TOLERANCE
 """Minimum tolerance of `denoised`, rad (or m). The smoother uses half of it to merge points."""
@@ -277,7 +276,7 @@ def time_optimal(
         )
     if motion is None:
         return retimed(trajectory, limits, longest)
-    times, _ = _with_gaps(SPARE_RATIO * _knot_times(motion), longest)
+    times, _ = with_gaps(SPARE_RATIO * _knot_times(motion), longest)
     states = [motion.at(time / SPARE_RATIO) for time in times.tolist()]
     positions, velocities, _ = map(np.array, zip(*states, strict=True))
     return Trajectory(limits.names, times, positions, velocities / SPARE_RATIO)
@@ -299,13 +298,6 @@ def _far(position: Array, other: Array) -> bool:
     return bool(np.abs(position - other).max() > FLOAT32_RATIO * MERGE_TOLERANCE)
 
 
-def _with_gaps(times: Array, longest: float) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Return times at most `longest` s apart, and the indices of the given times among them."""
-    parts = np.maximum(np.ceil(np.diff(times) / longest - 1e-9), 1.0)
-    own = np.append(0, np.cumsum(parts)).astype(np.intp)
-    return np.interp(np.arange(own[-1] + 1), own, times), own
-
-
 def retimed(trajectory: Trajectory, limits: JointLimits, longest: float = np.inf) -> Trajectory:
     """Return a trajectory's points, with velocities, at the times of the time-optimal motion.
 
@@ -314,7 +306,7 @@ def retimed(trajectory: Trajectory, limits: JointLimits, longest: float = np.inf
     """
     motion = smoothed(trajectory, limits, Mode.TIME_OPTIMAL, refine=False)
     own_times, own_positions = _own_points(trajectory, motion)
-    times, own = _with_gaps(own_times, longest)
+    times, own = with_gaps(own_times, longest)
     positions = _at(times, motion.times, motion.positions)
     positions[own] = own_positions
     return Trajectory(limits.names, times, positions, _at(times, motion.times, motion.velocities))

@@ -28,6 +28,7 @@ MAX_POINTS = 100_000
 """Maximum number of points of a sampled motion. A longer one would take minutes to plan."""
 
 Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.intp]
 
 _PER = {'positions': '', 'velocities': '/s', 'accelerations': '/s²'}
 
@@ -73,6 +74,13 @@ def sample_times(duration: float, period: float) -> Array:
             'points), so raise its speed or period'
         )
     return np.linspace(0.0, duration, ceil(duration / period) + 1)
+
+
+def with_gaps(times: Array, longest: float) -> tuple[Array, Indices]:
+    """Return times at most `longest` s apart, and the indices of the given times among them."""
+    parts = np.maximum(np.ceil(np.diff(times) / longest - 1e-9), 1.0)
+    own = np.append(0, np.cumsum(parts)).astype(np.intp)
+    return np.interp(np.arange(own[-1] + 1), own, times), own
 
 
 def problems(

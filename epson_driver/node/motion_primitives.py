@@ -272,7 +272,7 @@ class MotionPrimitives:
                     self.kinematics,
                     start,
                     primitives,
-                    sampled=self._setup.interpolates,
+                    sampled=self._setup.keeps_times,
                     checkpoint=checkpoint,
                 )
             )

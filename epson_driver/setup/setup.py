@@ -58,9 +58,11 @@ class Setup:
         driver.io.timeout = self.values['io_timeout']
 
     @property
-    def interpolates(self) -> bool:
-        """Whether the controller interpolates between given positions, velocities and times."""
-        return self.configuration.delivery.point_message == 'joint_traj_pt_full'
+    def keeps_times(self) -> bool:
+        """Whether the controller executes close points of a smooth motion at their times."""
+        program, delivery = self.profile.program, self.configuration.delivery
+        thinned = self.configuration.smoothing.thin
+        return program.uses.duration and not thinned and delivery.interface != 'download'
 
     @property
     def goals(self) -> GoalSettings:
@@ -95,7 +97,7 @@ class Setup:
         self, start: Array, target: Array, speed: float, acceleration: float
     ) -> tuple[Trajectory, Callable[[StatementDelivery], str]]:
         limits = self.model.limits
-        path = straight(start, target, limits, speed, acceleration, sampled=self.interpolates)
+        path = straight(start, target, limits, speed, acceleration, sampled=self.keeps_times)
         return path, lambda moves: moves.joints(target, speed, acceleration)
 
     def goal(self, trajectory: Trajectory, statement: str | None = None) -> Goal:

@@ -10,7 +10,7 @@ import dataclasses
 
 import numpy as np
 
-from epson_driver.motion.limits import JointLimits
+from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import optimal, ruckig_move
 from epson_driver.motion.smoother.commanded_times import problem_of, stopping_time, within_horizon
 from epson_driver.motion.smoother.path import Knots, Path, in_time, line, through
@@ -162,20 +162,20 @@ def _as_commanded(request: Request, limits: JointLimits, effort: Effort) -> Plan
     on_time = request.in_time and request.state[1:] == (1.0, 0.0)
     if not (request.timed[1:].all() and len(request.points) and (at_rest or on_time)):
         return None
-    known = len(request.knots.u) - 1
-    path = in_time(request.knots, request.points, request.clock[known:], request.whole)
+    clock = request.clock[len(request.knots.u) - 1 :]
+    path = in_time(request.knots, request.points, clock, final=True)
     if not _is_near(path, request, limits):
         return None
-    knots = path.knots.u
-    settled = knots[: max(len(knots) - UNSETTLED_KNOTS, 1)]
-    _, _, acceleration, jerk = path.sample(settled)
-    if np.any(np.abs(acceleration) > limits.acceleration) or np.any(np.abs(jerk) > limits.jerk):
-        return None
-    start = request.state[0]
-    if request.whole:
+    start, knots = request.state[0], path.knots.u
+    if _is_slow(path, knots, limits):
         timing = as_commanded(start, path.end, rests=True)
         if Problem(path, request.state, limits, effort=effort).usage(timing).allowed:
             return Plan(request.start, path.knots, timing, AS_COMMANDED, True)
+    if not request.whole:
+        path = in_time(request.knots, request.points, clock, final=False)
+    settled = knots[: max(len(knots) - UNSETTLED_KNOTS, 1)]
+    if not _is_slow(path, settled, limits):
+        return None
     for times in BRAKING_IN_STOPPING_TIMES:
         end = path.end - times * stopping_time(limits)
         end = min(max(end, start + MIN_COMMANDED_S), float(settled[-1]))
@@ -189,6 +189,14 @@ def _as_commanded(request: Request, limits: JointLimits, effort: Effort) -> Plan
         if tail.usage(timing).allowed:
             return Plan(request.start, path.knots, timing, AS_COMMANDED, True)
     return None
+
+
+def _is_slow(path: Path, places: Array, limits: JointLimits) -> bool:
+    """Return whether accelerations and jerks at u = `places` respect the limits if u̇ = 1."""
+    _, _, acceleration, jerk = path.sample(places)
+    return bool(
+        np.all(np.abs(acceleration) <= limits.acceleration) and np.all(np.abs(jerk) <= limits.jerk)
+    )
 
 
 def _is_near(path: Path, request: Request, limits: JointLimits) -> bool:
