@@ -38,6 +38,7 @@ NOT_FOUND: Mapping[str, str] = {
     'program.check_sequence': _MOTION,
     'program.check_limits': 'no point outside the limits is sent to a robot for a test',
     'program.uses': _MOTION,
+    'program.exact_times': _MOTION,
     'program.late_failure': 'no point outside the limits is sent to a robot for a test',
     'program.accepts': 'it is visible only after an invalid message, which can end a program',
     'program.special_sequences': 'not queried (see --ask), or it has no special sequences',

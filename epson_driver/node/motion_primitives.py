@@ -272,7 +272,7 @@ class MotionPrimitives:
                     self.kinematics,
                     start,
                     primitives,
-                    sampled=self._setup.keeps_times,
+                    sampled=self._setup.profile.program.exact_times,
                     checkpoint=checkpoint,
                 )
             )

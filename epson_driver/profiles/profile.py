@@ -97,6 +97,8 @@ class ProgramProfile:
       the limits, is refused. Otherwise the motion ends with error 4001 when it reaches a point
       outside the limits.
     * `uses`: which of a point's velocity and duration are used: one, both or none.
+    * `exact_times`: whether close points of a smooth motion are executed at their times. The
+      driver then sends a point wherever the jerk of a joint move changes.
     * `late_failure`: whether a point outside the limits is answered with SUCCESS, then with
       FAILURE, and the connection is closed. The arm finishes the earlier points.
     * `accepts`: which messages are points. 'exact': a JOINT_TRAJ_PT of its exact length. 'longer':
@@ -123,6 +125,7 @@ class ProgramProfile:
     check_sequence: bool
     check_limits: bool
     uses: FieldsUsed
+    exact_times: bool
     late_failure: bool
     accepts: Literal['exact', 'longer', 'any']
     special_sequences: Literal['all', 'stop']

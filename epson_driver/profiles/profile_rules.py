@@ -109,6 +109,7 @@ RULES: dict[str, Rule] = {
     'program.check_sequence': _YES_OR_NO,
     'program.check_limits': _YES_OR_NO,
     'program.uses': _mapped({item.value: item for item in FieldsUsed}),
+    'program.exact_times': _YES_OR_NO,
     'program.late_failure': _YES_OR_NO,
     'program.accepts': choice('exact', 'longer', 'any'),
     'program.special_sequences': choice('all', 'stop'),

@@ -58,13 +58,6 @@ class Setup:
         driver.io.timeout = self.values['io_timeout']
 
     @property
-    def keeps_times(self) -> bool:
-        """Whether the controller executes close points of a smooth motion at their times."""
-        program, delivery = self.profile.program, self.configuration.delivery
-        thinned = self.configuration.smoothing.thin
-        return program.uses.duration and not thinned and delivery.interface != 'download'
-
-    @property
     def goals(self) -> GoalSettings:
         return GoalSettings(
             stopped_velocity=self.values['constraints.stopped_velocity_tolerance'],
@@ -97,7 +90,9 @@ class Setup:
         self, start: Array, target: Array, speed: float, acceleration: float
     ) -> tuple[Trajectory, Callable[[StatementDelivery], str]]:
         limits = self.model.limits
-        path = straight(start, target, limits, speed, acceleration, sampled=self.keeps_times)
+        path = straight(
+            start, target, limits, speed, acceleration, sampled=self.profile.program.exact_times
+        )
         return path, lambda moves: moves.joints(target, speed, acceleration)
 
     def goal(self, trajectory: Trajectory, statement: str | None = None) -> Goal:

@@ -56,7 +56,7 @@ async def test_move_reaches_its_target_on_every_kind_of_controller(profile):
 
 @pytest.mark.invariant(2)
 async def test_speed_fraction_limits_the_joint_velocity():
-    async with robot_cell() as (robot, _):
+    async with robot_cell(smooth=True) as (robot, _):
         fastest = np.zeros(6)
         motion = await robot.move_joints([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], speed=0.1, wait=False)
         while not motion.done:
@@ -617,7 +617,7 @@ async def test_point_rejected_by_the_controller_ends_the_motion():
             with robot._connection.driver.gate.enabling() as enabling:
                 robot._connection.driver.gate.open(enabling)
             error = await motion_error(robot.move_joints([0.2, 0, 0, 0, 0, 0]))
-            assert 'the controller refused point 0 of 1' in str(error)
+            assert 'the controller refused point 0 of ' in str(error)
 
 
 @pytest.mark.invariant(4)

@@ -10,7 +10,6 @@ from support.event_loop import now, run
 from support.examples import quickly
 from support.fault_play import where
 
-from benchmark.moves import Besides
 from epson_driver.aio import RobotError
 from epson_driver.share import share_path
 
@@ -88,18 +87,3 @@ def test_inv10_speed_fraction_slows_the_arm_or_is_rejected(profile):
         assert gentle is None or gentle[1] > 1.5 * usual[1]
 
     run(scenario(), patience=3600.0)
-
-
-@pytest.mark.parametrize('profile', ['simulated', 'motoman'])
-async def test_motion_takes_its_planned_duration(profile):
-    async with robot_cell(profile=profile, smooth=True) as (robot, controller):
-        home = [0.0, 0.3, -0.3, 0.0, 0.6, 0.0]
-        arm = Besides(controller)
-        for speed in (0.2, 1.0):
-            await arm.of(robot.move_joints(home, speed=speed, acceleration=speed))
-            pose = robot.tool_pose.copy()
-            pose[2, 3] -= 0.04
-            await arm.of(robot.move_line(pose, speed=speed, acceleration=5.0 * speed))
-            await arm.of(robot.move_joints([1.0, 0.0, 0.0, 0.5, 0.2, 2.0], speed=speed))
-        assert len(arm.ratios) == 6
-        assert max(arm.ratios) <= 1.05

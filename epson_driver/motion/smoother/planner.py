@@ -163,15 +163,15 @@ def _as_commanded(request: Request, limits: JointLimits, effort: Effort) -> Plan
     if not (request.timed[1:].all() and len(request.points) and (at_rest or on_time)):
         return None
     clock = request.clock[len(request.knots.u) - 1 :]
-    path = in_time(request.knots, request.points, clock, final=True)
+    path = in_time(request.knots, request.points, clock, request.ends)
     if not _is_near(path, request, limits):
         return None
     start, knots = request.state[0], path.knots.u
-    if _is_slow(path, knots, limits):
+    if request.ends and _is_slow(path, knots, limits):
         timing = as_commanded(start, path.end, rests=True)
         if Problem(path, request.state, limits, effort=effort).usage(timing).allowed:
             return Plan(request.start, path.knots, timing, AS_COMMANDED, True)
-    if not request.whole:
+    if request.ends and not request.whole:
         path = in_time(request.knots, request.points, clock, final=False)
     settled = knots[: max(len(knots) - UNSETTLED_KNOTS, 1)]
     if not _is_slow(path, settled, limits):

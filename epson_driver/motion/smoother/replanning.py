@@ -28,6 +28,10 @@ MIN_PERIOD_S = 0.03
 
 MIN_POINTS = 3
 
+MIN_BURST_POINTS, BURST_SHARE, BURST_PAUSE_S = 3, 0.3, 0.01
+"""Points are a burst if there are enough of them, if they arrived in a fraction of their duration,
+and if no point has arrived for BURST_PAUSE_S. Messages do not mark the end of a trajectory."""
+
 RESERVE_IN_STOPPING_TIMES = 2.5
 """Duration of the reserve, in stopping times. It is the last part of a plan, during which the plan
 may be replaced."""
@@ -240,8 +244,16 @@ class Replanning:
             route[-1].rest is not None,
             self._catch_up,
             plan is not None and plan.in_time,
+            route[-1].rest is not None or (plan is None and not more and self._burst(route)),
         )
         return PendingRequest(request, route, more)
+
+    def _burst(self, route: list[Waypoint]) -> bool:
+        """Return whether a route arrived at once and is probably a whole trajectory."""
+        first, last = route[1].arrival, route[-1].arrival
+        together = last - first <= BURST_SHARE * (route[-1].clock - route[1].clock)
+        over = self._execution.now - last >= BURST_PAUSE_S
+        return len(route) > MIN_BURST_POINTS and together and over
 
     def _extend(self, route: list[Waypoint], end: float) -> bool:
         """Add waypoints up to the next rest to the route. Return whether some are left out.

@@ -60,6 +60,8 @@ class Request:
     """Maximum ratio of the speed to the commanded speed while a motion makes up a delay."""
     in_time: bool = False
     """Whether the parameter of the current path is the commanded time, s."""
+    ends: bool = False
+    """Whether the last point is, or seems to be, the end of the trajectory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
