@@ -102,6 +102,8 @@ class SmoothingProcess:
         async with self._lock:
             self._current = process = await self._next_process()
             try:
+                if self._closed:
+                    raise SmoothingError('the driver has ended')
                 limits = self._limits.scaled(*share)
                 arguments = (trajectory, start, limits, smoothing or self._smoothing)
                 result = await result_of(process, arguments, (Trajectory,), TIMEOUT_S)

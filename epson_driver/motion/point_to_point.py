@@ -144,7 +144,7 @@ class LineMotion:
         """
         times = sample_times(max(self.duration, SHORTEST_MOVE_S), period)[1:]
         if with_start:
-            ends = np.zeros(1) if self._trajectory is None else self.pieces.times
+            ends = np.zeros(2) if self._trajectory is None else self.pieces.times
             apart = np.append(True, np.diff(ends) >= MIN_APART_S)
             apart[-1] = True
             times, _ = with_gaps(np.append(ends[apart][:-1], times[-1]), period)

@@ -5,7 +5,7 @@
 Invariants 2 and 3 of docs/invariants.md: all limits hold, and no rest between the points.
 """
 
-from itertools import pairwise
+from itertools import count, pairwise
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from benchmark.trajectories import random_vias
 from epson_driver.motion import Array, JointLimits, Trajectory, smooth
 from epson_driver.motion.closest_samples import passed
 from epson_driver.motion.smoothed import smoothed, time_optimal
-from epson_driver.motion.smoother import Mode
+from epson_driver.motion.smoother import Mode, planner
 from epson_driver.motion.smoother.planner import AS_COMMANDED, plan
 from epson_driver.motion.smoother.request import ActivePlan
 from epson_driver.motion.smoother.waypoints import MERGE_TOLERANCE
@@ -63,9 +63,9 @@ def streamed(points: Trajectory, limits: JointLimits, each: float, stop: float =
     Return the smoother, the duration of its motion, the number of cycles at rest in it, and the
     proposers of its plans. At the time `stop` of the motion, s, the arm is stopped.
     """
-    planner = Counted()
+    counted = Counted()
     start = points.positions[0]
-    smoother = Recorded(limits, start, latency=0.012, planner=planner)
+    smoother = Recorded(limits, start, latency=0.012, planner=counted)
     sent, begin, end, resting, still = 1, np.inf, 0.0, 0, 0
     while sent < len(points.times) or smoother.moving:
         while (
@@ -86,7 +86,7 @@ def streamed(points: Trajectory, limits: JointLimits, each: float, stop: float =
             smoother.stop()
             sent = len(points.times)
     assert smoother.violations == 0
-    return smoother, end - begin, resting, planner.proposers
+    return smoother, end - begin, resting, counted.proposers
 
 
 @pytest.mark.parametrize('limits', [ARM, SLOW])
@@ -156,8 +156,8 @@ def test_stop_in_a_commanded_motion_respects_all_limits(fraction: float) -> None
 
 def test_arm_rests_at_the_last_point_if_a_commanded_stream_ends() -> None:
     points = time_optimal(vias(2, ARM), ARM)
-    for count in range(20, len(points.times), 19):
-        some = Trajectory(ARM.names, points.times[:count], points.positions[:count])
+    for number in range(20, len(points.times), 19):
+        some = Trajectory(ARM.names, points.times[:number], points.positions[:number])
         smoother, *_ = streamed(some, ARM, 5e-4)
         assert_exact(exact_extrema(smoother, points.positions[0]))
         assert np.abs(smoother.motion.position - some.positions[-1]).max() < 1e-9
@@ -174,6 +174,22 @@ def test_later_points_that_are_too_fast_slow_the_arm_without_a_rest() -> None:
     assert set(proposers) != {AS_COMMANDED}
     assert duration <= 1.4 * points.duration
     assert resting == 0
+    assert_exact(exact_extrema(smoother, points.positions[0]))
+
+
+@pytest.mark.parametrize('first', [2, 4, 6])
+def test_path_that_leaves_the_lines_continues_without_a_rest(
+    monkeypatch: pytest.MonkeyPatch, first: int
+) -> None:
+    """The motion continues by the length of the path."""
+    numbers = count()
+    monkeypatch.setattr(planner, '_is_near', lambda *_: next(numbers) < first)
+    slow = ARM.scaled(0.2, 0.2)
+    points = time_optimal(vias(7, slow), slow)
+    smoother, duration, resting, _ = streamed(points, ARM, 5e-4)
+    assert next(numbers) > first
+    assert resting == 0
+    assert duration <= 1.3 * points.duration
     assert_exact(exact_extrema(smoother, points.positions[0]))
 
 

@@ -16,7 +16,7 @@ from epson_driver.motion.smoother.request import ActivePlan, Problem
 from epson_driver.motion.smoother.waypoints import MIN_MOVE, Waypoint, Waypoints
 from epson_driver.motion.time_parametrisation import TimeParametrisation
 
-JUST_STARTED_S = 2e-5
+JUST_STARTED_S = 1.1e-5
 """Time after a start from rest during which the arm still counts as at rest."""
 
 MAX_STOP_RATIO = 8.0

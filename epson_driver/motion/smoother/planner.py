@@ -13,7 +13,7 @@ import numpy as np
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import optimal, ruckig_move
 from epson_driver.motion.smoother.commanded_times import problem_of, stopping_time, within_horizon
-from epson_driver.motion.smoother.path import Knots, Path, in_time, line, through
+from epson_driver.motion.smoother.path import Knots, Path, chord_lengths, in_time, line, through
 from epson_driver.motion.smoother.request import MAX_EFFORT_US, Effort, Plan, Problem, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.time_parametrisation import TimeParametrisation, as_commanded
@@ -130,8 +130,6 @@ def _within_limits(request: Request, limits: JointLimits, effort: Effort) -> Pla
         path = first if request.current_knots is None else Path(request.current_knots)
         timing = _pause(problem_of(request, path, limits, 1.0, effort))
         return None if timing is None else Plan(request.start, path.knots, timing, 'stop')
-    if request.in_time and len(request.points) and not _is_near(first, request, limits):
-        return None
     at_rest = len(request.knots.u) == 1
     if at_rest and len(request.points) == 1 and request.whole and not request.timed.any():
         # the straight path is optimal, because the arm is at rest before and after it
@@ -276,5 +274,11 @@ def _path(request: Request, knots: Knots, limits: JointLimits) -> Path:
     if not len(points):
         return Path(knots)
     if request.in_time:
-        return in_time(knots, points, request.clock[len(knots.u) - 1 :], request.whole)
+        path = in_time(knots, points, request.clock[len(knots.u) - 1 :], request.whole)
+        outside = path.outside(limits)[len(knots.u) - 1 :]
+        if not outside.any() and _is_near(path, request, limits):
+            return path
+        # continue by the length, in the scale of the last segment
+        scale = np.diff(knots.u[-2:]) / chord_lengths(knots.position[-2:], limits)
+        limits = dataclasses.replace(limits, velocity=limits.velocity / float(scale[0]))
     return through(knots, points, limits, clamped=len(knots.u) > 1, final=request.whole)
