@@ -5,12 +5,14 @@
 import asyncio
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import NoReturn
+from typing import Any, NoReturn
 
 INTERRUPTED = 130  # exit code after SIGINT, as used by shells: 128 plus the signal number
 
+AFTER_FINALIZER_S = 0.001
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
 """Signals that end a process. SIGHUP: the terminal was closed, or its connection lost."""
@@ -47,10 +49,12 @@ def ignore_interrupts() -> None:
 def raise_at_first_signal() -> None:
     """Raise KeyboardInterrupt on the first signal that ends a process, and ignore later ones.
 
-    Later signals must not interrupt the ending of the started processes.
+    Later signals must not interrupt the ending of the started processes. Python ignores an
+    exception in a finalizer, so the interrupt is raised again after the finalizer.
     """
-    for number in ending_signals():
+    for number in (*ending_signals(), signal.SIGALRM):
         signal.signal(number, _raise_once)
+    sys.unraisablehook = _raise_after_finalizer
 
 
 @contextmanager
@@ -101,6 +105,13 @@ def _raise_once(_number: int, _frame: object) -> NoReturn:
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
+
+
+def _raise_after_finalizer(unraisable: Any) -> None:
+    if unraisable.exc_type is KeyboardInterrupt:
+        signal.setitimer(signal.ITIMER_REAL, AFTER_FINALIZER_S)
+    else:
+        sys.__unraisablehook__(unraisable)
 
 
 def _leave(_number: int, _frame: object) -> NoReturn:

@@ -368,3 +368,27 @@ def test_signal_is_deferred_while_a_process_starts():
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+INTERRUPTED_FINALIZER = """
+import signal, sys, time
+from epson_driver.processes.interrupt import raise_at_first_signal
+
+class Finalized:
+    def __del__(self):
+        signal.raise_signal(signal.SIGTERM)
+
+raise_at_first_signal()
+try:
+    Finalized()
+    time.sleep(30)
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+def test_signal_that_arrives_in_a_finalizer_is_not_lost():
+    run = subprocess.run(
+        [sys.executable, '-c', INTERRUPTED_FINALIZER], capture_output=True, check=False, text=True
+    )
+    assert (run.returncode, run.stderr) == (130, '')
