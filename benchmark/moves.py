@@ -82,7 +82,7 @@ async def _smoothed(
     start: np.ndarray,
     share: tuple[float, float] = (1.0, 1.0),
     smoothing: Smoothing | None = None,
-) -> Trajectory:
+) -> tuple[Trajectory, str]:
     await asyncio.sleep(SMOOTHING_S)
     limits, settings = process._limits.scaled(*share), process._smoothing  # noqa: SLF001
     return smoothed_trajectory(trajectory, start, limits, smoothing or settings)

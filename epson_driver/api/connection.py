@@ -351,12 +351,14 @@ class Connection:
         wait: bool,
         path: CheckedPath | None = None,
         move: Callable[[StatementDelivery], str] | None = None,
+        remark: str = '',
     ) -> Motion:
         """Start a motion. With `wait`, wait until it ends, and stop it if the task is cancelled.
 
         * path: path of the tool, with which its accuracy is checked, or None.
         * move: function that builds the SPEL+ statement for a controller that accepts no points.
           None: no statement can express the motion.
+        * remark: see `Goal`.
         """
         driver = self.running
         sample, statement = driver.robot.sample, None
@@ -366,7 +368,8 @@ class Connection:
             statement = move(driver.statements)
         elif sample is not None:
             trajectory = divided(trajectory, sample.positions)
-        motion = Motion(driver.goal_queue, self.setup.goal(trajectory, statement), plan, path)
+        goal = replace(self.setup.goal(trajectory, statement), remark=remark)
+        motion = Motion(driver.goal_queue, goal, plan, path)
         motion.start()
         if wait:
             await motion.finish()

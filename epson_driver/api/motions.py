@@ -87,14 +87,14 @@ class Motions(Arm):
         ignored = not self._setup.profile.program.uses.duration
         smoothing = Smoothing(time_optimal=True, own_points=ignored, longest=LONGEST_SEGMENT_S)
         try:
-            trajectory = await smoother.prepared(
+            trajectory, remark = await smoother.prepared(
                 waypoints, start, (speed, acceleration), smoothing
             )
         except SmoothingError as error:
             raise not_started(str(error)) from error
         finally:
             smoother.make_ready()
-        return await self._connection.execute(trajectory, plan, wait=wait)
+        return await self._connection.execute(trajectory, plan, wait=wait, remark=remark)
 
     @checked_arguments
     async def move_trajectory(

@@ -65,6 +65,8 @@ def check_tolerance(smoothing: Smoothing) -> None:
         )
 
 
+ON_SPLINE = '; it followed the spline, because no faster motion was found'
+
 TIMEOUT_S = 30.0  # maximum time for smoothing one trajectory, s
 
 WORKER = 'epson_driver.driver.smoothing_worker'
@@ -93,8 +95,10 @@ class SmoothingProcess:
         start: Array,
         share: tuple[float, float] = (1.0, 1.0),
         smoothing: Smoothing | None = None,
-    ) -> Trajectory:
+    ) -> tuple[Trajectory, str]:
         """Return the smooth motion for a checked trajectory of an arm at rest at `start`.
+
+        The text is a remark for the result of the goal, or empty.
 
         `share`: maximum velocity and acceleration, as fractions of the limits. `smoothing`: other
         settings than usual.
@@ -107,7 +111,7 @@ class SmoothingProcess:
                 limits = self._limits.scaled(*share)
                 arguments = (trajectory, start, limits, smoothing or self._smoothing)
                 result = await result_of(process, arguments, (Trajectory,), TIMEOUT_S)
-                if not isinstance(result, Trajectory):
+                if not isinstance(result, tuple):
                     raise SmoothingError(str(result))
                 return result
             finally:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Process that smooths one trajectory.
 
-It reads the arguments of `smoothed_trajectory` from stdin, and writes the resulting Trajectory, or
-the reason of a failure as text, to stdout.
+It reads the arguments of `smoothed_trajectory` from stdin, and writes its result, or the reason of
+a failure as text, to stdout.
 """
 
 import os
@@ -12,7 +12,7 @@ from itertools import islice
 
 import numpy as np
 
-from epson_driver.driver.smoothing import Smoothing
+from epson_driver.driver.smoothing import ON_SPLINE, Smoothing
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
 from epson_driver.motion.smoothed import denoised, retimed, smoothed, thinned, time_optimal
 from epson_driver.processes.worker import answer_file, read_value, write_value
@@ -22,27 +22,30 @@ MAX_MENTIONED_PROBLEMS = 3  # maximum number of violations listed in an error te
 
 def smoothed_trajectory(
     trajectory: Trajectory, start: Array, limits: JointLimits, smoothing: Smoothing
-) -> Trajectory:
+) -> tuple[Trajectory, str]:
     """Return the smooth motion for a checked trajectory of an arm at rest at `start`.
 
+    The text is a remark for the result of the goal, or empty.
     The motion passes the points, or positions within the tolerance of the points. Between two
     points it deviates from the line about as far as a spline, because the planner has not checked
     other paths for collisions.
     """
-    trajectory = _to_smooth(trajectory, start, limits, smoothing)
-    if smoothing.time_optimal and smoothing.own_points:
-        trajectory = retimed(trajectory, limits, smoothing.longest)
-    elif smoothing.time_optimal:
-        trajectory = time_optimal(trajectory, limits, smoothing.longest)
+    trajectory, remark = _to_smooth(trajectory, start, limits, smoothing), ''
+    if smoothing.time_optimal:
+        found = None
+        if not smoothing.own_points:
+            found = time_optimal(trajectory, limits, smoothing.longest)
+            remark = ON_SPLINE if found is None else ''
+        trajectory = found or retimed(trajectory, limits, smoothing.longest)
     if smoothing.resample_period is None:
-        return trajectory
+        return trajectory, remark
     if smoothing.thin:
         motion = thinned(trajectory, limits, smoothing.resample_period, smoothing.deviation)
     else:
         motion = smoothed(trajectory, limits, period=smoothing.resample_period)
     if violations := list(islice(problems(motion, limits), MAX_MENTIONED_PROBLEMS)):
         raise ValueError('; '.join(violations))
-    return motion
+    return motion, remark
 
 
 def _to_smooth(
@@ -71,7 +74,7 @@ def main() -> None:
     if arguments is None:
         return  # the driver has ended
     try:
-        result: Trajectory | str = smoothed_trajectory(*arguments)
+        result: tuple[Trajectory, str] | str = smoothed_trajectory(*arguments)
     except ValueError as error:
         result = str(error)
     write_value(answers, result)

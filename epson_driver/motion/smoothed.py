@@ -255,27 +255,27 @@ def time_optimal(
     limits: JointLimits,
     longest: float = np.inf,
     checkpoint: Callable[[], None] = lambda: None,
-) -> Trajectory:
+) -> Trajectory | None:
     """Return points, with velocities, of the fastest motion through a trajectory's points.
 
     The cubic spline of time through the returned points is this motion. It takes SPARE_RATIO times
     as long as possible, because otherwise the arm could not brake on its path. It leaves the lines
     between the given points at most as far as the smoother's spline does. Given points that do not
-    bend the path are skipped (`corners`). The returned points are at most `longest` s apart. If
-    `fastest` finds no motion, the result is that of `retimed`. Raises the errors of `smoothed`.
-    `checkpoint` is called during the search, and may raise to cancel.
+    bend the path are skipped (`corners`). The returned points are at most `longest` s apart. The
+    result is None if `fastest` finds no motion. Raises the errors of `smoothed`. `checkpoint` is
+    called during the search, and may raise to cancel.
     """
     trajectory = trajectory.in_order(limits.names)
     waypoints = _merged(trajectory, limits)
-    motion = None
     if len(waypoints) > MIN_SEGMENTS:
         waypoints = waypoints[corners(waypoints, limits)]
-    if len(waypoints) > MIN_SEGMENTS:
-        motion = fastest(
-            waypoints, limits, bend_ratio=BEND_SHARE, interval_share=1.0, checkpoint=checkpoint
-        )
-    if motion is None:
+    if len(waypoints) <= MIN_SEGMENTS:
         return retimed(trajectory, limits, longest)
+    motion = fastest(
+        waypoints, limits, bend_ratio=BEND_SHARE, interval_share=1.0, checkpoint=checkpoint
+    )
+    if motion is None:
+        return None
     times, _ = with_gaps(SPARE_RATIO * _knot_times(motion), longest)
     states = [motion.at(time / SPARE_RATIO) for time in times.tolist()]
     positions, velocities, _ = map(np.array, zip(*states, strict=True))

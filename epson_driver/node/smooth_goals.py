@@ -40,12 +40,13 @@ from std_msgs.msg import String
 from epson_driver.driver.goal.goal import check_start, late_start, listed, untimed
 from epson_driver.driver.goal.planning_cancellation import PlanningCancellation, PlanningEndedError
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.smoothing import ON_SPLINE
 from epson_driver.driver.tasks import report_error
 from epson_driver.inputs import InputError
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
 from epson_driver.motion.interpolation import Interpolation
 from epson_driver.motion.plan_share import plan_share
-from epson_driver.motion.smoothed import MAX_STEP_S, time_optimal
+from epson_driver.motion.smoothed import MAX_STEP_S, retimed, time_optimal
 from epson_driver.node import messages
 from epson_driver.node.downstream import ArmState, Downstream, Sent
 from epson_driver.node.loop_bridge import CANCELED, LATCHED, GoalAction, LoopBridge, OnEnd
@@ -422,7 +423,9 @@ class SmoothGoals:
         tolerance = self._parameters['start_tolerance']
         check_start(goal.trajectory, start, goal.limits, tolerance)
         try:
-            motion, points = await goal.scope.in_thread(partial(self._planned, goal, start))
+            motion, points, remark = await goal.scope.in_thread(
+                partial(self._planned, goal, start)
+            )
         except ValueError as error:
             raise invalid_goal(str(error)) from error
         with suppress(TimeoutError):
@@ -436,7 +439,7 @@ class SmoothGoals:
         late = late_start(goal.start, self._loop.time())
         sent = await self._send(sent_motion, sent_motion.points, request)
         end = await self._watched(sent_motion, sent, duration_in_s(request.goal_time_tolerance))
-        return replace(end, text=end.text + late)
+        return replace(end, text=end.text + late + remark)
 
     @property
     def _brakes(self) -> bool:
@@ -445,8 +448,8 @@ class SmoothGoals:
 
     def _planned(
         self, goal: ForwardedGoal, start: Array, checkpoint: Callable[[], None]
-    ) -> tuple[StoppableMotion, Trajectory]:
-        """Return the smooth motion from rest at `start`, shape (n,), and its points."""
+    ) -> tuple[StoppableMotion, Trajectory, str]:
+        """Return the smooth motion from rest at `start`, shape (n,), its points, and a remark."""
         planned = goal.trajectory
         times, positions = planned.times, planned.positions.copy()
         if times[0] > 0.0 or len(times) == 1:
@@ -457,10 +460,13 @@ class SmoothGoals:
         limits = goal.limits
         if goal.planned is not None:
             limits = limits.scaled(*plan_share(goal.planned, start, limits))
+        remark = ''
         if self._parameters['timing'] == 'time_optimal':
-            whole = time_optimal(whole, limits, checkpoint=checkpoint)
+            found = time_optimal(whole, limits, checkpoint=checkpoint)
+            remark = ON_SPLINE if found is None else ''
+            whole = found or retimed(whole, limits)
         motion = StoppableMotion(whole, limits, checkpoint)
-        return motion, motion.points(self._parameters['period'])
+        return motion, motion.points(self._parameters['period']), remark
 
     async def _send(
         self, sent_motion: SentMotion, points: Trajectory, request: FollowJointTrajectory.Goal

@@ -37,8 +37,12 @@ START = PLAN.positions[0]
 POSITIONS_ONLY = Trajectory(LIMITS.names, np.zeros(len(PLAN.times)), PLAN.positions)
 
 
+def smooth(plan, smoothing, start=START):
+    return smoothed_trajectory(plan, start, LIMITS, smoothing)[0]
+
+
 def resampled(period, *, time_optimal=False, plan=PLAN):
-    return smoothed_trajectory(plan, START, LIMITS, Smoothing(period, time_optimal))
+    return smooth(plan, Smoothing(period, time_optimal))
 
 
 @pytest.mark.parametrize('period', [0.004, 0.05, 0.1])
@@ -74,7 +78,7 @@ def test_time_optimal_motion_ignores_the_times_of_the_plan():
 @pytest.mark.parametrize('thin', [False, True])
 def test_time_optimal_goal_takes_the_fastest_motion(thin):
     plan = untimed(POSITIONS_ONLY, LIMITS)
-    sent = smoothed_trajectory(plan, START, LIMITS, Smoothing(0.004, time_optimal=True, thin=thin))
+    sent = smooth(plan, Smoothing(0.004, time_optimal=True, thin=thin))
     assert sent.duration < 1.1 * smoothed(plan, LIMITS, Mode.TIME_OPTIMAL).duration
     assert sent.duration < smoothed(plan, LIMITS, Mode.TIME_OPTIMAL, refine=False).duration - 0.02
 
@@ -82,7 +86,7 @@ def test_time_optimal_goal_takes_the_fastest_motion(thin):
 def test_controller_that_ignores_times_gets_the_points_of_the_plan():
     plan = untimed(POSITIONS_ONLY, LIMITS)
     smoothing = Smoothing(time_optimal=True, own_points=True)
-    sent = smoothed_trajectory(plan, START, LIMITS, smoothing)
+    sent = smooth(plan, smoothing)
     assert np.array_equal(sent.positions, plan.positions)
 
 
@@ -97,7 +101,7 @@ def test_tolerance_removes_the_noise_of_a_recording(thin):
 
     def sent(tolerance):
         smoothing = Smoothing(0.02, thin=thin, deviation=1e-3, tolerance=tolerance)
-        return smoothed_trajectory(recorded, recorded.positions[0], LIMITS, smoothing)
+        return smooth(recorded, smoothing, recorded.positions[0])
 
     assert sent(0.0).duration > 1.5 * times[-1]
     motion = sent(1e-3)
@@ -133,12 +137,10 @@ def test_first_point_with_a_time_is_approached_from_the_arm():
     start = np.zeros(6)
     plan = Trajectory(LIMITS.names, np.array([2.0]), START[None, :])
     for smoothing in (Smoothing(0.05), Smoothing(0.05, True), Smoothing(None, True)):
-        motion = smoothed_trajectory(plan, start, LIMITS, smoothing)
+        motion = smooth(plan, smoothing, start)
         assert np.array_equal(motion.positions[0], start)
         assert np.abs(motion.positions[-1] - START).max() < 1e-9
-    assert smoothed_trajectory(plan, start, LIMITS, Smoothing(0.05)).duration == pytest.approx(
-        2.0, abs=0.3
-    )
+    assert smooth(plan, Smoothing(0.05), start).duration == pytest.approx(2.0, abs=0.3)
 
 
 def test_too_fast_plan_is_accepted_without_its_times():

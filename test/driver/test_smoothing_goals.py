@@ -13,6 +13,7 @@ from support.driver_harness import (
     cell,
     plan_in_real_time,
     pose,
+    smooth_in_process,
 )
 from support.event_loop import PATIENCE, run, stand_still, until
 
@@ -21,6 +22,7 @@ from epson_driver.driver.goal.goal import untimed
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.smoothing import Smoothing, SmoothingProcess
 from epson_driver.motion import Trajectory, smooth
+from epson_driver.motion import smoothed as smoothed_module
 from epson_driver.sim_controller.condition.states import Event
 
 RESAMPLE = Smoothing(0.1)
@@ -79,6 +81,16 @@ async def test_goal_without_times_is_retimed_and_executed():
         assert np.abs(harness.at - pose(0.2, 0.3)).max() < 1e-6
         sent = goal.handle.execution.goal.trajectory
         assert sent.duration < 1.06 * smooth(positions, LIMITS).duration
+
+
+async def test_result_reports_that_no_faster_motion_was_found(monkeypatch):
+    smooth_in_process(monkeypatch)
+    monkeypatch.setattr(smoothed_module, 'fastest', lambda *_, **__: None)
+    async with cell(smoothing=Smoothing(None, True)) as (harness, _):
+        positions = np.stack([harness.at, pose(0.2), pose(0.2, 0.3)])
+        plan = untimed(Trajectory(LIMITS.names, np.zeros(3), positions), LIMITS)
+        outcome = await harness.execute(plan).end()
+        assert outcome.text.endswith('it followed the spline, because no faster motion was found')
 
 
 @pytest.mark.invariant(10)
@@ -209,8 +221,8 @@ async def test_plan_is_refused_if_the_arm_moved_during_planning(monkeypatch):
         prepared = SmoothingProcess.prepared
 
         async def moved(process, trajectory, start, share):
-            plan = await prepared(process, trajectory, start + 0.5, share)
-            return Trajectory(plan.joint_names, plan.times, plan.positions + 0.5)
+            plan, remark = await prepared(process, trajectory, start + 0.5, share)
+            return Trajectory(plan.joint_names, plan.times, plan.positions + 0.5), remark
 
         monkeypatch.setattr(SmoothingProcess, 'prepared', moved)
         outcome = await harness.submit(pose(0.5)).end()

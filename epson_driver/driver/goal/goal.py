@@ -60,6 +60,7 @@ class Goal:
     * `message`: SPEL+ statements that execute the whole goal by Remote Ethernet, or None.
     * `planned`: the received plan, if `trajectory` has other times. The smoothed motion does not
       exceed its velocity and acceleration. None: only the joint limits apply.
+    * `remark`: text to append to the result of a goal that succeeds.
 
     The goal queue checks every goal before sending any part of it.
     """
@@ -74,6 +75,7 @@ class Goal:
     message: Message | None = None
     start: float = 0.0  # earliest start by the event loop's clock, s; 0: immediately
     planned: Trajectory | None = None
+    remark: str = ''
 
     def unit(self, joint: int) -> str:
         return self.units[joint] if self.units else 'rad'

@@ -410,7 +410,7 @@ class GoalExecution:
             return  # part of the plan may remain, even if the distance is short
         if self._arrival.reached(at_rest=at_rest):
             text = f'at the goal after {now - self.started:.2f} s'
-            text += late_start(self.goal.start, self.started)
+            text += late_start(self.goal.start, self.started) + self.goal.remark
             distance = np.abs(self.goal.trajectory.positions - self._start).max()
             if self._rest_at is not None and distance > START_MARGIN_RAD:
                 self.timing = Timing(self.goal.trajectory.duration, self._rest_at)

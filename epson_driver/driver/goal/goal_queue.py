@@ -11,7 +11,7 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Callable, Coroutine, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -365,9 +365,10 @@ class GoalQueue:
         trajectory = execution.goal.trajectory
         if self._smooths:
             try:
-                trajectory = await self.smoother.prepared(
+                trajectory, remark = await self.smoother.prepared(
                     trajectory, sample.positions, execution.plan_share
                 )
+                execution.goal = replace(execution.goal, remark=remark)
             except SmoothingError as error:
                 self.unsmoothed += 1
                 if execution.state is GoalState.PREPARING:

@@ -38,7 +38,7 @@ def plan(name='around_pillar_11_points'):
 def smoothed_by_the_driver(trajectory):
     program = PROFILE.program
     how = Smoothing(program.resample_period, thin=True, deviation=program.thin_deviation)
-    return smoothed_trajectory(trajectory, trajectory.positions[0], MODEL.limits, how)
+    return smoothed_trajectory(trajectory, trajectory.positions[0], MODEL.limits, how)[0]
 
 
 def slow_trajectory(end, seconds, count=31):
