@@ -146,7 +146,7 @@ n*: {' '.join(WITHOUT_EFFECT)}
 """Statements that the host executes."""
 
 DISPLAYING = frozenset(
-    ['arch', 'find', 'inertia', 'local', 'pallet', 'pulse', 'sense', 'till']
+    ['arch', 'find', 'inertia', 'local', 'pallet', 'pulse', 'sense', 'setnet', 'till']
     + [name.lower() for name in WITHOUT_EFFECT if name not in ('ATCLR', 'PTCLR')]
 )
 """Statements that display values if they have no argument. This is not simulated."""

@@ -5,7 +5,6 @@
 import math
 import re
 from collections.abc import Iterator
-from functools import lru_cache
 from typing import Final, NamedTuple
 
 from epson_driver.spel.errors import Position, SyntaxProblem
@@ -47,11 +46,8 @@ class Token(NamedTuple):
     value: int | float | str = ''
 
 
-@lru_cache(maxsize=50_000)
 def tokens(text: str, file: str, line: int, column: int = 1) -> tuple[Token, ...]:
     """Return the tokens of a line without its comment.
-
-    They are cached, because many programs include the same file, and an editor changes one line.
 
     Raises SyntaxProblem if the line is invalid.
     """

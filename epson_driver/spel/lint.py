@@ -29,6 +29,7 @@ from epson_driver.spel.errors import Position, Problem, to_add
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.lint_rules import (
     UNPROVEN,
+    included,
     leaves,
     literals,
     shared,
@@ -99,7 +100,7 @@ RULES = {
     'label': 'a missing or duplicate label',
     'wait-condition': 'a value that Wait, Till and Trap cannot evaluate: a local, array or real',
     'preprocessor': 'an invalid directive, such as #else without #ifdef',
-    'include': 'a missing file',
+    'include': 'a missing file, or an #include in a function',
     'project-file': 'a file of RC+ that cannot be read, or has a wrong header',
     'line-length': 'a line of more than 512 characters',
     'reserved': 'a name that is a reserved word of SPEL+, or a predefined constant',
@@ -275,7 +276,8 @@ class _Lint:
             self._numbers,
             lambda: literals(program),
             lambda: unreachable(self.functions),
-            lambda: unproven(program, files),
+            lambda: unproven(program),
+            lambda: included(program, files),
             self._use,
         ]
         self._shared = {

@@ -5,7 +5,8 @@
 import re
 from collections import ChainMap, Counter
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple
+from itertools import chain
+from typing import NamedTuple
 
 from epson_driver.spel import syntax
 from epson_driver.spel.code import Program
@@ -74,43 +75,46 @@ class Form(NamedTuple):
     """A syntax that the interpreter accepts, but that neither the manual nor a known program uses.
 
     * manual: the syntax in the manual.
-    * kind, find: `find` yields the positions of the syntax in a node of this kind. Without a kind,
-      `find` is a pattern that matches its lines.
+    * find: yields the positions of the syntax in a function. Without it, the parser marks them.
     """
 
     form: str
     manual: str
     instead: str
-    kind: type | None
-    find: Callable[[Any], Iterator[Position]] | re.Pattern[str]
+    find: Callable[[syntax.Function], Iterator[Position]] | None = None
 
 
-def _case_lists(node: syntax.Select) -> Iterator[Position]:
-    yield from (items[1].value.at for items, _ in node.cases if len(items) > 1)
+def _case_lists(function: syntax.Function) -> Iterator[Position]:
+    for node in function.of(syntax.Select):
+        yield from (items[1].value.at for items, _ in node.cases if len(items) > 1)
 
 
-def _elements_by_reference(node: syntax.Argument) -> Iterator[Position]:
-    if node.by_reference and isinstance(node.value, syntax.Apply):
-        yield node.value.at
+def _elements_by_reference(function: syntax.Function) -> Iterator[Position]:
+    for node in function.of(syntax.Argument):
+        if node.by_reference and isinstance(node.value, syntax.Apply):
+            yield node.value.at
 
 
-def _double_tests(node: syntax.Do) -> Iterator[Position]:
-    if node.before is not None and node.after is not None:
-        yield node.at
+def _double_tests(function: syntax.Function) -> Iterator[Position]:
+    for node in function.of(syntax.Do):
+        if node.before is not None and node.after is not None:
+            yield node.at
 
 
-def _elements_as_counters(node: syntax.For) -> Iterator[Position]:
-    if isinstance(node.variable, syntax.Apply):
-        yield node.variable.at
+def _elements_as_counters(function: syntax.Function) -> Iterator[Position]:
+    for node in function.of(syntax.For):
+        if isinstance(node.variable, syntax.Apply):
+            yield node.variable.at
 
 
-def _other_parameters(node: syntax.Motion) -> Iterator[Position]:
-    searches = [word for word in ('till', 'find', 'sense') if getattr(node, word) is not False]
-    used = {'c0' if name == 'c' else name for name, _ in node.numbers}
-    used |= {*searches, *node.words, *(['cp'] * node.cp), *('!' * bool(node.parallel))}
-    known = re.findall(r'\w+|!', SYNTAX[node.name.lower()].lower())
-    if used - set(known) or len(searches) > 1:
-        yield node.at
+def _other_parameters(function: syntax.Function) -> Iterator[Position]:
+    for node in function.of(syntax.Motion):
+        searches = [word for word in ('till', 'find', 'sense') if getattr(node, word) is not False]
+        used = {'c0' if name == 'c' else name for name, _ in node.numbers}
+        used |= {*searches, *node.words, *(['cp'] * node.cp), *('!' * bool(node.parallel))}
+        known = re.findall(r'\w+|!', SYNTAX[node.name.lower()].lower())
+        if used - set(known) or len(searches) > 1:
+            yield node.at
 
 
 _PARALLEL = frozenset(
@@ -120,162 +124,108 @@ _PARALLEL = frozenset(
 """Statements of the manual's table for `!…!`, except Wait, Print and functions of a DLL."""
 
 
-def _other_parallel_statements(node: syntax.Motion) -> Iterator[Position]:
-    places = syntax.walk(node.points) if node.parallel else ()
-    here = any(getattr(item, 'name', '').lower() == 'here' for item in places)
-    for item in node.parallel:
-        known = isinstance(item, syntax.Share | syntax.Wait | syntax.Print | syntax.Call)
-        if here or not (known or getattr(item, 'name', '').lower() in _PARALLEL):
-            yield item.at
+def _other_parallel_statements(function: syntax.Function) -> Iterator[Position]:
+    for node in function.of(syntax.Motion):
+        places = syntax.walk(node.points) if node.parallel else ()
+        here = any(getattr(item, 'name', '').lower() == 'here' for item in places)
+        for item in node.parallel:
+            known = isinstance(item, syntax.Share | syntax.Wait | syntax.Print | syntax.Call)
+            if here or not (known or getattr(item, 'name', '').lower() in _PARALLEL):
+                yield item.at
 
 
-def _negated_waits(node: syntax.Wait) -> Iterator[Position]:
-    for item in syntax.walk(node.condition):
-        if isinstance(item, syntax.Unary) and item.operator == 'not':
-            yield item.at
+def _negated_waits(function: syntax.Function) -> Iterator[Position]:
+    for node in function.of(syntax.Wait):
+        for item in syntax.walk(node.condition):
+            if isinstance(item, syntax.Unary) and item.operator == 'not':
+                yield item.at
 
 
-def _numbers_for_words(node: syntax.Command) -> Iterator[Position]:
-    if node.name.lower() in ('motor', 'cp', 'qp'):
-        yield from (node.at for _ in node.arguments)
+def _masks_elsewhere(function: syntax.Function) -> Iterator[Position]:
+    waits = function.of(syntax.Wait, syntax.Store, syntax.Motion, syntax.Trap)
+    allowed = {id(item) for node in waits for item in syntax.walk(node)}
+    for node in function.of(syntax.Binary):
+        if node.operator == 'mask' and id(node) not in allowed:
+            yield node.at
 
 
-def _assigning_statements(node: syntax.Command) -> Iterator[Position]:
-    if node.name.lower() == 'plocal':
-        yield node.at
+def _numbers_for_words(function: syntax.Function) -> Iterator[Position]:
+    for node in function.of(syntax.Command):
+        if node.name.lower() in ('motor', 'cp', 'qp') and node.arguments:
+            yield node.at
 
 
-def _lines(pattern: str) -> re.Pattern[str]:
-    return re.compile(rf'^[ \t]*{pattern}', re.IGNORECASE | re.MULTILINE)
+def _assigning_statements(function: syntax.Function) -> Iterator[Position]:
+    yield from (node.at for node in function.of(syntax.Command) if node.name.lower() == 'plocal')
 
 
 UNPROVEN = (
-    Form('`Case 1, 2`', 'one value (p714)', 'write a Case for each', syntax.Select, _case_lists),
+    Form('`Case 1, 2`', 'one value (p714)', 'write a Case for each', _case_lists),
     Form(
         '`ByRef a(1)`',
         'variables and whole arrays (p184)',
         'pass a() and the index',
-        syntax.Argument,
         _elements_by_reference,
     ),
     Form(
         '`Do While a` with `Loop Until b`',
         'one condition, after Do or after Loop (p289)',
         'use If and Exit Do',
-        syntax.Do,
         _double_tests,
     ),
-    Form(
-        '`For a(1) = …`',
-        'a variable (p344)',
-        'copy the element',
-        syntax.For,
-        _elements_as_counters,
-    ),
+    Form('`For a(1) = …`', 'a variable (p344)', 'copy the element', _elements_as_counters),
     Form(
         'a parameter of another motion (`Go P1 ROT`)',
         'the parameters of each motion on its page, and one of Till, Find and Sense',
         'omit it',
-        syntax.Motion,
         _other_parameters,
     ),
     Form(
         '`Go P1 !Speed 5!`, `Go Here !On 1!`',
         'I/O, Signal, WaitSig, Wait and Print in !…!, and no Here before it (p55 to p57)',
         'split it',
-        syntax.Motion,
         _other_parallel_statements,
     ),
-    Form(
-        '`Go P1, CP`',
-        'blanks between the parameters (p353)',
-        'remove the comma',
-        None,
-        _lines(
-            r"(?:Go|Move|Jump|TGo|TMove|BGo|BMove|Pass)\b[^'\n!]*,[ \t]*"
-            r'(?:CP|ROT|ECP|LJM|LimZ|Till|Find|Sense|SYNC|C[0-7])\b'
-        ),
-    ),
-    Form(
-        '`Wait Not Sw(1)`',
-        'And, Or, Xor and Mask (p881)',
-        'compare with Off',
-        syntax.Wait,
-        _negated_waits,
-    ),
-    Form(
-        '`Motor 1`, `CP 1`, `QP 1`',
-        'On and Off (p549)',
-        'use If',
-        syntax.Command,
-        _numbers_for_words,
-    ),
-    Form(
-        '`PLocal P1, 2`',
-        '`PLocal(P1) = 2` (p634)',
-        'assign',
-        syntax.Command,
-        _assigning_statements,
-    ),
+    Form('`Go P1, CP`', 'blanks between the parameters (p353)', 'remove the comma'),
+    Form('`Wait Not Sw(1)`', 'And, Or, Xor and Mask (p881)', 'compare with Off', _negated_waits),
+    Form('`Motor 1`, `CP 1`, `QP 1`', 'On and Off (p549)', 'use If', _numbers_for_words),
+    Form('`PLocal P1, 2`', '`PLocal(P1) = 2` (p634)', 'assign', _assigning_statements),
     Form(
         '`Else Print 1`',
         'Else, ElseIf … Then and Default as whole lines (p419, p714)',
         'start a new line',
-        None,
-        _lines(r"(?:Else|Default|ElseIf\b[^'\n]*\bThen)[ \t]+\w"),
     ),
-    Form(
-        '`WOpen "a" As 30`',
-        '# before the number (p892)',
-        'add it',
-        None,
-        _lines(r"[ARW]Open\b[^'\n]*\bAs[ \t]+\w"),
-    ),
-    Form(
-        '`Trap 1, a Call f()`',
-        'the name alone (p851)',
-        'remove the brackets',
-        None,
-        _lines(r"Trap\b[^'\n]*\b(?:Call|Xqt)[ \t]+\w+[ \t]*\("),
-    ),
+    Form('`WOpen "a" As 30`', '# before the number (p892)', 'add it'),
+    Form('`Trap 1, a Call f()`', 'the name alone (p851)', 'remove the brackets'),
     Form(
         '`If In(0) Mask 3 = 1`',
         'Mask in conditions of Wait, Till, Find, Sense and Trap (p527)',
         'write And',
-        None,
-        _lines(
-            r'(?:(?:If|ElseIf|Select|Do|Loop|Print)\b|\w+[ \t]*=)'
-            r"(?![^'\n]*\b(?:Wait|Till|Find|Sense|Trap)\b)[^'\"\n]*[\w)][ \t]+Mask[ \t]+[\w(&]"
-        ),
+        _masks_elsewhere,
     ),
-    Form(
-        '`Declare f, "a.dll"`',
-        'As and a type (p278)',
-        'add them',
-        None,
-        _lines(r"Declare\b(?![^'\n]*\bAs[ \t]+\w+[ \t]*(?:'|$))"),
-    ),
+    Form('`Declare f, "a.dll"`', 'As and a type (p278)', 'add them'),
 )
 """Syntax that neither the manual nor 46,212 lines in 44 public folders contain."""
 
 
-def unproven(program: Program, files: Mapping[str, str]) -> Iterator[Problem]:
+def unproven(program: Program) -> Iterator[Problem]:
     for form in UNPROVEN:
         text = f'{form.form}: the manual has {form.manual}: {form.instead}'
-        for at in _places(form, program, files):
-            yield Problem(at, 'portable', text, warning=True)
+        for file in program.files:
+            places = [at for name, at in file.marks if name == form.form]
+            if form.find is not None:
+                places += chain.from_iterable(map(form.find, file.functions))
+            yield from (Problem(at, 'portable', text, warning=True) for at in places)
 
 
-def _places(form: Form, program: Program, files: Mapping[str, str]) -> Iterator[Position]:
-    for file in program.files:
-        if isinstance(form.find, re.Pattern):
-            source = files.get(file.name, '')
-            for match in form.find.finditer(source):
-                yield Position(file.name, source.count('\n', 0, match.end()) + 1)
-        elif form.kind is not None:
-            for function in file.functions:
-                for node in function.of(form.kind):
-                    yield from form.find(node)
+def included(program: Program, files: Mapping[str, str]) -> Iterator[Problem]:
+    for function in (function for file in program.files for function in file.functions):
+        lines = files[function.at.file].split('\n')
+        for number in range(function.at.line, function.end.line):
+            if re.match(r'\s*#\s*include\b', lines[number], re.IGNORECASE):
+                at = Position(function.at.file, number + 1)
+                text = f'#include in the function {function.name}: put it above (p62)'
+                yield Problem(at, 'include', text, warning=True)
 
 
 def unused(program: Program, files: Mapping[str, str], roots: set[str]) -> Iterator[Problem]:

@@ -107,7 +107,7 @@ class Parser(Statements):
         points: Container[str] = frozenset(),
     ) -> None:
         super().__init__(functions, points)
-        self._file = File(name)
+        self._file = File(name, marks=self._marks)
         self._problems = problems
         self._lines = lines
         self._line = 0
@@ -168,12 +168,38 @@ class Parser(Statements):
         if word == 'function':
             self._file.functions.append(self._read_function(reader))
         elif word == 'declare':
-            self._file.declared.append(_declare(reader))
+            self._file.declared.append(self._declare(reader))
         elif word in ('global', 'static') or word in TYPES:
             self._file.declarations.append(declaration(reader, 'module'))
         else:
             text = f'{found[0].text} outside a function: only declarations are allowed there'
             raise SyntaxProblem(found[0].position, text)
+
+    def _declare(self, reader: Reader) -> Declare:
+        at = reader.step().position
+        name = reader.name('the name of the function')
+        reader.need(',')
+        texts = []
+        while True:
+            token = reader.step()
+            if token.kind != STRING:
+                raise SyntaxProblem(token.position, 'Declare needs the name of a DLL in quotes')
+            texts.append(str(token.value))
+            if not reader.takes(',') or reader.sees('(', 'as'):
+                break
+        parameters = _parameters(reader) if reader.takes('(') else ()
+        result = 'long'
+        if reader.takes('as'):
+            result = _type(reader)
+        else:
+            self._marks.append(('`Declare f, "a.dll"`', at))
+        if result == 'string':
+            raise SyntaxProblem(
+                at, 'a function of a DLL cannot return a String: pass one ByRef', 'type'
+            )
+        reader.end()
+        alias = texts[1] if len(texts) > 1 else name.text
+        return Declare(name.text, texts[0], alias, parameters, result, at)
 
     def _read_function(self, reader: Reader) -> Function:
         at = reader.step().position
@@ -304,21 +330,23 @@ class Parser(Statements):
             if word.lower == 'elseif':
                 condition = closing.expression()
                 closing.need('then')
-                self._rest_as_statement(closing)
+                self._rest_as_statement(closing, unproven=True)
                 branches.append((condition, self._block(('elseif', 'else', 'endif'))))
                 continue
             if word.lower == 'else':
-                self._rest_as_statement(closing)
+                self._rest_as_statement(closing, unproven=True)
                 otherwise = self._block(('endif',))
                 self._closing('If', first.position, 'endif').step()
             return If(tuple(branches), otherwise, first.position)
 
-    def _rest_as_statement(self, reader: Reader) -> None:
+    def _rest_as_statement(self, reader: Reader, *, unproven: bool = False) -> None:
         rest = []
         while not reader.at_end():
             rest.append(reader.step())
         if rest:
             self._queue.insert(0, rest)
+            if unproven:
+                self._marks.append(('`Else Print 1`', rest[0].position))
 
     def _one_line_if(self, reader: Reader, first: Token, condition: Expression) -> If:
         self._depth += 1
@@ -365,7 +393,7 @@ class Parser(Statements):
                 closing.end()
                 return Select(subject, tuple(cases), default, first.position)
             if word == 'default':
-                self._rest_as_statement(closing)
+                self._rest_as_statement(closing, unproven=True)
                 default = self._block(ends)
                 continue
             items = [_case_item(closing)]
@@ -580,26 +608,3 @@ def _parameter_type(reader: Reader) -> str:
         return word[2:]
     reader.need('as')
     return _type(reader)
-
-
-def _declare(reader: Reader) -> Declare:
-    at = reader.step().position
-    name = reader.name('the name of the function')
-    reader.need(',')
-    texts = []
-    while True:
-        token = reader.step()
-        if token.kind != STRING:
-            raise SyntaxProblem(token.position, 'Declare needs the name of a DLL in quotes')
-        texts.append(str(token.value))
-        if not reader.takes(',') or reader.sees('(', 'as'):
-            break
-    parameters = _parameters(reader) if reader.takes('(') else ()
-    result = _type(reader) if reader.takes('as') else 'long'
-    if result == 'string':
-        raise SyntaxProblem(
-            at, 'a function of a DLL cannot return a String: pass one ByRef', 'type'
-        )
-    reader.end()
-    alias = texts[1] if len(texts) > 1 else name.text
-    return Declare(name.text, texts[0], alias, parameters, result, at)

@@ -8,6 +8,7 @@ A definition is valid from its line to the end of the program file, also in file
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from epson_driver.inputs import printable
 from epson_driver.spel.errors import Position, Problem, SyntaxProblem
@@ -24,6 +25,10 @@ MAX_LINES = 200_000
 
 _SCOPES = frozenset({'global', 'preserve', 'static'})
 _DECLARES = _SCOPES | TYPES.keys()
+
+line_tokens = lru_cache(maxsize=50_000)(tokens)
+"""Returns the tokens of a program's line. They are stored, because many programs include the same
+file, and an editor changes one line. Lines of other origin would fill the memory."""
 
 _DIRECTIVE = re.compile(r'\s*#\s*([A-Za-z]+)')
 _DIRECTIVES = ('define', 'undef', 'ifdef', 'ifndef', 'else', 'endif', 'include')
@@ -98,12 +103,12 @@ class Preprocessor:
             elif active and word == 'include':
                 yield from self._include(position, line[directive.end() :], depth)
             elif active:
-                rest = tokens(line[directive.end() :], name, number, directive.end() + 1)
+                rest = line_tokens(line[directive.end() :], name, number, directive.end() + 1)
                 self._define(word, position, rest)
             return
         if not active:
             return
-        result = tokens(line, name, number)
+        result = line_tokens(line, name, number)
         self._refuse_declarations(result)
         if result:
             yield Line(result[0].position, tuple(self._expanded(result)))
@@ -125,7 +130,7 @@ class Preprocessor:
         self, word: str, position: Position, rest: str, conditions: list[_Condition]
     ) -> None:
         if word in ('ifdef', 'ifndef'):
-            named = tokens(rest, position.file, position.line)
+            named = line_tokens(rest, position.file, position.line)
             if not named or named[0].kind != NAME:
                 raise SyntaxProblem(position, f'#{word} needs a name', 'preprocessor')
             outer = not conditions or conditions[-1].active

@@ -7,7 +7,7 @@ from collections.abc import Container, Iterator
 from dataclasses import replace
 
 from epson_driver.spel.commands import TASK_TYPE_WORDS, TRAP_EVENTS
-from epson_driver.spel.errors import SyntaxProblem
+from epson_driver.spel.errors import Position, SyntaxProblem
 from epson_driver.spel.expressions import Reader
 from epson_driver.spel.functions import AXES, POINT_FLAGS
 from epson_driver.spel.lexer import END, NAME, Token
@@ -62,6 +62,7 @@ class Statements:
     def __init__(self, functions: set[str], points: Container[str] = frozenset()) -> None:
         self._functions = functions
         self._points = points
+        self._marks: list[tuple[str, Position]] = []
 
     def read_form(self, reader: Reader, first: Token, form: str) -> Command:
         """Parse the arguments of a statement according to a form of commands.py."""
@@ -229,6 +230,7 @@ class Statements:
             raise SyntaxProblem(name.position, f'there is no function {name.text}', 'unknown')
         if reader.takes('('):
             reader.need(')')
+            self._marks.append(('`Trap 1, a Call f()`', name.position))
         return name.text
 
     # Terminal and network
@@ -351,7 +353,8 @@ class Statements:
     def read_open(self, reader: Reader, first: Token) -> Command:
         name = reader.expression()
         reader.need('as')
-        reader.takes('#')
+        if not reader.takes('#'):
+            self._marks.append(('`WOpen "a" As 30`', reader.here.position))
         return Command(first.text, (name, reader.expression()), first.position)
 
     def read_plist(self, reader: Reader, first: Token) -> Command:
@@ -380,9 +383,8 @@ class Statements:
 
     def read_motion(self, reader: Reader, first: Token) -> Motion:
         points: list[Expression] = []
-        while not points or reader.takes(','):
-            if points and (reader.sees(*_MODIFIERS) or self._is_arch(reader.here)):
-                break
+        while not points or (reader.sees(',') and not self._is_modifier(reader.look(1))):
+            reader.takes(',')
             points.append(reader.expression())
         return self._modified(reader, first, points)
 
@@ -425,7 +427,9 @@ class Statements:
             elif word in _CONDITIONS:
                 conditions[word] = reader.optional(*_MODIFIERS) or True
             elif word in _NUMBERED:
-                bare = reader.at_end() or reader.sees(*_MODIFIERS)
+                if reader.sees(',') and not self._is_modifier(reader.look(1)):
+                    self._mark_comma(first, reader.step())
+                bare = reader.at_end() or reader.sees(',') or self._is_modifier(reader.here)
                 value = Number(1, token.position) if bare else reader.expression()
                 numbers.append((word, value))
             elif self._is_arch(token):
@@ -435,7 +439,7 @@ class Statements:
             elif word == '!':
                 parallel = self.parallel(reader)
             elif word == ',' and not reader.at_end():
-                continue
+                self._mark_comma(first, token)
             else:
                 text = f'{first.text} does not take {token.text[:40]}'
                 raise SyntaxProblem(token.position, text)
@@ -453,6 +457,13 @@ class Statements:
     def _is_arch(self, token: Token) -> bool:
         word = token.lower
         return len(word) == 2 and word[0] == 'c' and word[1].isdigit() and word not in self._points
+
+    def _is_modifier(self, token: Token) -> bool:
+        return token.lower in _MODIFIERS or self._is_arch(token)
+
+    def _mark_comma(self, motion: Token, comma: Token) -> None:
+        if motion.lower not in ('jump3', 'jump3cp', 'jumptlz'):  # p476, p481
+            self._marks.append(('`Go P1, CP`', comma.position))
 
     def parallel(self, reader: Reader) -> tuple[Statement, ...]:
         read: list[Statement] = []
@@ -521,9 +532,9 @@ def coordinates(first: Expression, reader: Reader) -> Expression:
         values.append(reader.expression())
     flags: list[PointFlag] = []
     while isinstance(last := values[-1], Binary) and last.operator == '/':
-        word = last.right.name if isinstance(last.right, Name) else ''
-        if word.lower() not in POINT_FLAGS:
-            raise SyntaxProblem(last.at, 'expected a posture of the point')
+        word = getattr(last.right, 'name', getattr(last.right, 'text', ''))
+        if word.lower() not in POINT_FLAGS and not word.isdigit():
+            raise SyntaxProblem(last.at, 'expected a posture or a local of the point')
         flags.insert(0, PointFlag(last.left, word.lower(), last.at))
         values[-1] = last.left
     point: Expression = Apply('XY', tuple(Argument(value) for value in values), first.at)

@@ -439,10 +439,13 @@ class Declare:
 
 @dataclass(slots=True)
 class File:
+    """One program file. `marks`: forms of `lint_rules.UNPROVEN` that the nodes do not show."""
+
     name: str
     functions: list[Function] = field(default_factory=list)
     declarations: list[Declaration] = field(default_factory=list)
     declared: list[Declare] = field(default_factory=list)
+    marks: list[tuple[str, Position]] = field(default_factory=list)
 
 
 def inner_blocks(statement: Statement) -> list[Block]:

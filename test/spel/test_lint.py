@@ -8,8 +8,8 @@ import pytest
 from support.spel_harness import files
 
 from epson_driver.spel import build
-from epson_driver.spel.lexer import tokens
 from epson_driver.spel.lint import RULES, check
+from epson_driver.spel.preprocess import line_tokens
 
 
 def found(source: str, version: int = 8) -> list[tuple[str, int]]:
@@ -86,6 +86,7 @@ BAD = [
     ('portable', 3, main('  Move P1 C0')),  # p549
     ('portable', 3, main('  Go P1 Till Sw(1) = On Find Sw(2) = On')),  # p353
     ('portable', 3, main('  Jump P1, LimZ -10')),  # p471
+    ('portable', 3, main('  Go P1 LJM, 1')),  # p353
     ('portable', 3, main('  Go Here :Z(0) !D10; MemOn 1!')),  # p57
     ('portable', 3, main('  Go P1 !Speed 5!')),  # p55
     ('portable', 3, main('  Wait Sw(1) = On And Not Sw(2) = On')),
@@ -114,6 +115,7 @@ BAD = [
     ('version', 1, 'Function f(a As UShort)\nFend'),
     ('unknown', 3, main('  Foo 1')),
     ('not-simulated', 3, main('  Arch 1')),  # p110
+    ('not-simulated', 3, main('  SetNet')),  # p726
     ('not-simulated', 3, main('  Print ProjectName$')),  # p647
     ('not-simulated', 3, main('  Curve "a", O, 0, 4, P1, P2, On 2, P(3:7)')),  # p268
     ('not-simulated', 3, main('  CVMove "a" CP Till Sw(1) = On !D10; On 1; Wait 0.1; Off 1!')),
@@ -136,6 +138,7 @@ BAD = [
     ('wait-condition', 4, main('  Integer i\n  Trap 1, i = 1 Call main')),
     ('preprocessor', 1, '#endif\nFunction main\nFend'),
     ('include', 1, '#include "no.inc"\nFunction main\nFend'),
+    ('include', 3, main('#include "no.inc"')),  # p62
     ('syntax', 3, main('  If 1 Then\n')),
 ]  # fmt: skip
 
@@ -278,6 +281,12 @@ QUIET = {
     'a handler that does nothing without an error': main(
         '  Integer n\n  OnErr GoTo bad\n  Print 1\nbad:\n  n = Err\n  If n > 0 Then EResume Next'
     ),
+    'the parameters of Jump3 and Jump3CP (p476)': main(
+        '  Jump3 P1, P2, P3, C0, CP, LJM, 1, Till Sw(1) = On\n  Jump3CP P1, P2, P3, LJM, !On 1!'
+    ),
+    'the name of a file with As': main('  WOpen "saved as a" As #30\n  Close #30'),
+    'Mask in a Wait after an If (p527)': main('  If Sw(1) = On Then Wait In(0) Mask 3 = 1'),
+    'Else in an If of one line (p419)': main('  If Sw(1) = On Then On 1 Else Off 1'),
     'a loop that moves': main('  Do While Sw(1) = Off\n    JTran 3, -.5\n  Loop'),
     'a name behind an #ifdef': 'Integer m\n#ifdef X\n#define Y m\n#endif\n' + main('  Print 1'),
     'Error with a handler that continues': main(
@@ -311,7 +320,7 @@ def _large_program(functions: int) -> str:
 def _calls(functions: int) -> int:
     """Return the number of function calls that a check of such a program makes."""
     given = {'main.prg': _large_program(functions)}
-    tokens.cache_clear()
+    line_tokens.cache_clear()
     count = 0
 
     def event(_frame: object, kind: str, _what: object) -> None:

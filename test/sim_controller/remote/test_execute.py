@@ -19,6 +19,7 @@ from support.spel_program_harness import SpelProgramHarness
 from epson_driver.sim_controller.condition.spel_settings import SETTINGS
 from epson_driver.sim_controller.condition.states import Motors, Power, RejectedError
 from epson_driver.simple_message import IoType
+from epson_driver.spel.preprocess import line_tokens
 
 BENT = np.radians([0.0, -10.0, 20.0, 0.0, -60.0, 0.0])
 STEP_S = 0.004
@@ -53,6 +54,14 @@ def answers_after(remote, command='', seconds=20.0, during=lambda _: None):
         text = remote.peer.take().decode()
         result += text.split('\r\n')[:-1]
     raise AssertionError(result)
+
+
+@pytest.mark.invariant(7)
+def test_executed_statements_do_not_fill_the_memory(execute):
+    stored = line_tokens.cache_info().currsize
+    execute('Print 1')
+    execute('Print 2')
+    assert line_tokens.cache_info().currsize == stored
 
 
 # Statements
