@@ -133,8 +133,7 @@ def running_fleet(folder: Path, size: int) -> Iterator[tuple[Fleet, list[str]]]:
     running: list[Process] = []
 
     def start(make: Callable[..., Process], log: str, *words: Any) -> Process:
-        with interrupt.interrupts_held(interrupt.ending_signals()):
-            running.insert(0, make(folder / f'{log}.log', *words))  # drivers end first
+        running.insert(0, make(folder / f'{log}.log', *words))  # drivers end first
         return running[0]
 
     try:

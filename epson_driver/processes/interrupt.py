@@ -6,7 +6,8 @@ import asyncio
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
@@ -58,13 +59,17 @@ def raise_at_first_signal() -> None:
 
 
 @contextmanager
-def interrupts_held(numbers: Sequence[int]) -> Iterator[None]:
-    """Delay signals in the block, so that processes started in it are registered for cleanup."""
+def interrupts_held() -> Iterator[None]:
+    """Delay interrupts in the block. Other threads than the main thread receive none."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     waiting: list[int] = []
 
     def wait(number: int, _frame: object) -> None:
         waiting.append(number)
 
+    numbers = (*ending_signals(), signal.SIGALRM)
     before = {number: signal.signal(number, wait) for number in numbers}
     try:
         yield

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts the executables as processes, on free ports and in an unused ROS domain."""
 
+import atexit
 import contextlib
 import dataclasses
 import json
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from epson_driver.processes.command import module_command
+from epson_driver.processes.interrupt import interrupts_held
 
 SAFE_DOMAINS = range(1, 102)  # ports below the ephemeral range of every common system
 MAX_CLAIMS = 5
@@ -98,7 +100,10 @@ def ros_environment(domain: int) -> dict[str, str]:
 
 
 class Process:
-    """A running executable. Its stderr is written to the log, and its stdout, unless piped."""
+    """A running executable. Its stderr is written to the log, and its stdout, unless piped.
+
+    It ends with this process at the latest, also after an interrupt while it was started.
+    """
 
     def __init__(
         self,
@@ -110,7 +115,7 @@ class Process:
     ) -> None:
         self.name = name
         self.log = log
-        with log.open('ab') as file:
+        with log.open('ab') as file, interrupts_held():
             self._popen = subprocess.Popen(  # noqa: S603 - our own executable
                 [*run, name, *arguments],
                 stdin=subprocess.DEVNULL,
@@ -118,6 +123,7 @@ class Process:
                 stderr=file,
                 env=environment,
             )
+            atexit.register(self.end)
         self.process_id = self._popen.pid
 
     @property
@@ -148,6 +154,7 @@ class Process:
             self.kill()
             return -signal.SIGKILL
         finally:
+            atexit.unregister(self.end)
             if self._popen.stdout is not None:
                 self._popen.stdout.close()
 

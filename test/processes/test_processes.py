@@ -24,7 +24,6 @@ from support.examples import examples
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import PASSED_TYPES, Smoother, plan
 from epson_driver.processes import processes, worker
-from epson_driver.processes.interrupt import interrupts_held
 from epson_driver.processes.processes import (
     Ports,
     Process,
@@ -352,22 +351,28 @@ def test_processes_are_signalled_before_waiting():
     assert calls == [('a', signal.SIGINT), ('b', signal.SIGINT), 'a', 'b']
 
 
-def test_signal_is_deferred_while_a_process_starts():
-    known = []
+INTERRUPTED_START = """
+import signal, subprocess, sys
+from pathlib import Path
+from epson_driver.processes import processes
 
-    def start():
-        with interrupts_held((signal.SIGINT,)):
-            signal.raise_signal(signal.SIGINT)
-            known.append('what was started')
+class InterruptedStart(subprocess.Popen):
+    def __init__(self, *arguments, **options):
+        super().__init__(*arguments, **options)
+        print(self.pid, flush=True)
+        signal.raise_signal(signal.SIGINT)
 
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            start()
-        assert known
-        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    finally:
-        signal.signal(signal.SIGINT, before)
+subprocess.Popen = InterruptedStart
+processes.Process('600', [], Path(sys.argv[1]), {}, ['/bin/sleep'])
+"""
+
+
+def test_process_that_is_interrupted_while_it_starts_another_ends_that(tmp_path):
+    command = [sys.executable, '-c', INTERRUPTED_START, str(tmp_path / 'log')]
+    run = subprocess.run(command, capture_output=True, check=False, text=True)
+    assert run.stderr.endswith('KeyboardInterrupt\n')
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(run.stdout), 0)
 
 
 INTERRUPTED_FINALIZER = """
