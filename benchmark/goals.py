@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmark.trajectories import blended, fastest_timing, random_vias
-from epson_driver.driver.smoothing import Smoothing, usual_smoothing
+from epson_driver.driver.smoothing import Smoothing
 from epson_driver.motion import Trajectory, smooth
-from epson_driver.profiles.profile import load_controller_profile
+from epson_driver.setup.setup import make_setup
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 from support.driver_harness import LIMITS, Harness, options_of, simulated
@@ -77,7 +77,7 @@ async def ratios(name: str, speed: float, smoothing: Smoothing) -> str:
 
 async def measure(name: str) -> None:
     """Print a row for each speed, as planned and with timing = time_optimal."""
-    usual = usual_smoothing(load_controller_profile(name).program)
+    usual = make_setup({'controller': name}).configuration.smoothing
     fastest = replace(usual, time_optimal=True)
     for speed in SPEEDS:
         cells = [await ratios(name, speed, smoothing) for smoothing in (usual, fastest)]

@@ -28,15 +28,14 @@ from epson_driver.driver.smoothing import (
     TIMEOUT_S,
     Smoothing,
     SmoothingProcess,
-    usual_smoothing,
 )
 from epson_driver.profiles.profile import (
     ControllerProfile,
-    ProgramProfile,
     load_controller_profile,
 )
 from epson_driver.robots import load_robot_model
 from epson_driver.rtmc.feeder import Feeder
+from epson_driver.setup.setup import make_setup
 from epson_driver.sim_controller.arm.planner_process import PlannerProcess
 from epson_driver.sim_controller.arm.streaming import Streaming
 from epson_driver.sim_controller.assembly import (
@@ -145,7 +144,7 @@ class World:
         self.streams = (
             program.interface in ('streaming', 'rtmc') and program.point_message == 'joint_traj_pt'
         )
-        self.smoothing = _smoothing(prepared(seed), program)
+        self.smoothing = _smoothing(prepared(seed), self.profile)
         self.timed = self.profile_name not in OWN_PACE and not self.smoothing.time_optimal
         self.state_period = float(self.rng.choice(STATE_PERIODS_S))
         if not program.loaded:
@@ -530,16 +529,16 @@ class World:
             await asyncio.sleep(0.02)
 
 
-def _smoothing(how: str, program: ProgramProfile) -> Smoothing:
+def _smoothing(how: str, profile: ControllerProfile) -> Smoothing:
     """Return the node's smoothing of goals: from the controller's profile, or drawn."""
-    if not how or program.interface != 'streaming':
-        return usual_smoothing(program)
-    return Smoothing(
-        program.resample_period,
-        time_optimal=how == 'time_optimal',
-        thin=how == 'thin',
-        deviation=program.thin_deviation,
-    )
+    drawn = {}
+    if how and profile.program.interface == 'streaming':
+        drawn = (
+            {'smoothing': 'resample', 'timing': how}
+            if how == 'time_optimal'
+            else {'smoothing': how}
+        )
+    return make_setup({'controller': profile.name, **drawn}).configuration.smoothing
 
 
 @cache

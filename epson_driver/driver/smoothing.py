@@ -23,7 +23,6 @@ from epson_driver.processes.worker import (
     start_worker,
     until_done,
 )
-from epson_driver.profiles.profile import ProgramProfile
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +40,6 @@ class Smoothing:
     @property
     def wanted(self) -> bool:
         return self.time_optimal or self.resample_period is not None
-
-
-def usual_smoothing(program: ProgramProfile) -> Smoothing:
-    return Smoothing(
-        None if program.smoothing == 'none' else program.resample_period,
-        thin=program.smoothing == 'thin',
-        deviation=program.thin_deviation,
-    )
 
 
 MIN_TOLERANCE = 1e-3

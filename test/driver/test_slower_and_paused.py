@@ -25,9 +25,10 @@ from support.streams import sending, velocities
 
 from epson_driver.driver.goal.goal import GoalSettings, cause_timeout
 from epson_driver.driver.outcome import End, ErrorCode
-from epson_driver.driver.smoothing import Smoothing, usual_smoothing
+from epson_driver.driver.smoothing import Smoothing
 from epson_driver.motion import Trajectory
 from epson_driver.profiles import load_controller_profile
+from epson_driver.setup.setup import make_setup
 from epson_driver.share import share_path
 from epson_driver.sim_controller.condition.states import Event
 
@@ -82,7 +83,7 @@ async def robot(name, smoothing=None):
     """Run an enabled driver with a profile's defaults and its controller; yield both."""
     profile = load_controller_profile(name)
     settings = GoalSettings(cause_timeout=cause_timeout(profile.state))
-    smoothing = smoothing or usual_smoothing(profile.program)
+    smoothing = smoothing or make_setup({'controller': name}).configuration.smoothing
     async with cell_of(
         profile,
         smooth=not profile.spel.project,

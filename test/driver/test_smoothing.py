@@ -215,14 +215,22 @@ def test_inv9_failed_smoothing_process_is_an_error_of_its_goal(monkeypatch, code
 
 @pytest.mark.invariant(9)
 def test_inv9_close_ends_a_motion_in_preparation(monkeypatch):
-    replace_worker(monkeypatch, 'input(); input()')
+    replace_worker(monkeypatch, 'import time; time.sleep(60)')
+    result_of = smoothing_module.result_of
 
     async def scenario():
+        asked = asyncio.Event()
+
+        def seen(*arguments):
+            asked.set()
+            return result_of(*arguments)
+
+        monkeypatch.setattr(smoothing_module, 'result_of', seen)
         smoother = SmoothingProcess(LIMITS, Smoothing(0.05))
         pending = asyncio.create_task(smoother.prepared(PLAN, PLAN.positions[0]))
-        await asyncio.sleep(0.1)
+        await asked.wait()
         await smoother.close()
-        with pytest.raises(SmoothingError, match='the smoother ended'):
+        with pytest.raises(SmoothingError, match='the smoother was ended by SIGKILL'):
             await pending
         with pytest.raises(SmoothingError, match='the driver has ended'):
             await smoother.prepared(PLAN, PLAN.positions[0])
