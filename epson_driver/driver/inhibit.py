@@ -153,7 +153,8 @@ def status_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
     if status.in_error == TriState.TRUE:
         return controller_error(status, errors)
     if status.drives_powered == TriState.FALSE:
-        return Inhibit(Cause.MOTORS_OFF, Remedy.ENABLE, f'the motors are off{error}')
+        text, advice = f'the motors are off{error}', errors.advice(number, '')
+        return Inhibit(Cause.MOTORS_OFF, Remedy.ENABLE, text, advice)
     return None
 
 

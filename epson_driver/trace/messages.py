@@ -81,6 +81,7 @@ class Splitter:
         self._framer = Framer()
         self._bytes = bytearray()
         self._broken = False
+        self._real_time = False
 
     def split(self, data: bytes) -> Iterator[tuple[bytes, Frame | RtmcMessage | None]]:
         """Yield each message with its bytes.
@@ -88,7 +89,8 @@ class Splitter:
         After an invalid message, yield all remaining bytes with None.
         """
         self._bytes += data
-        if not self._broken and starts(self._bytes):
+        self._real_time |= not self._broken and starts(self._bytes)
+        if self._real_time and not self._broken:
             try:
                 for message in split(self._bytes):
                     yield message.encode(), message

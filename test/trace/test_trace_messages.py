@@ -6,6 +6,7 @@ import pytest
 from support.link_harness import frame, joints
 
 from epson_driver.link import WireEvent
+from epson_driver.rtmc.messages import Request, RtmcMessage
 from epson_driver.simple_message import LITTLE_ENDIAN, JointTrajPt, encode, request
 from epson_driver.trace.messages import Kind, MessagesError, messages_of
 from epson_driver.trace.recording import Step
@@ -72,6 +73,14 @@ def test_truncated_message_and_invalid_bytes_are_returned_raw():
         (1.0, Kind.SEND, MOTION, garbage),
         (1.25, Kind.RESET, MOTION, b''),
     ]
+
+
+def test_messages_after_an_unknown_one_of_real_time_motion_control_are_read():
+    sent = [RtmcMessage(Request.STATUS), RtmcMessage(4711), RtmcMessage(Request.JOINTS)]
+    steps = recorded(
+        (0.0, MOTION, OPENED), *((1.0, MOTION, SENT, message.encode()) for message in sent)
+    )
+    assert [entry.frame for entry in messages_of(steps).entries[1:]] == sent
 
 
 def test_heartbeats_are_skipped():

@@ -389,8 +389,9 @@ class Servo:
             return
         session.behind_logged = True
         _log.warning(
-            'the arm is %.2g s behind the stream on %s (gap or too fast). It catches up at up to '
-            '%g times the speed of the stream (servo.catch_up) and %g of the limits (servo.scale)',
+            'the arm is %.2g s behind the stream on %s (gap or too fast). It catches up at no '
+            'more than %g times the speed of the stream (servo.catch_up) and %g of the limits '
+            '(servo.scale)',
             behind,
             session.source,
             self.settings.catch_up,

@@ -69,7 +69,7 @@ async def test_catch_up_factor_limits_the_speed_after_a_stall(stream, stalled_dr
         assert deviation < 0.012  # rad (0.04 without the bound)
         left_behind = harness.driver.servo.counts.left_behind
         assert left_behind > (LEFT_BEHIND_S / PERIOD_S) / 2.0
-    (line,) = [line for line in caplog.messages if 'catches up at up to' in line]
+    (line,) = [line for line in caplog.messages if 'catches up at no more than' in line]
     assert '1.5 times the speed of the stream (servo.catch_up)' in line
 
 

@@ -80,6 +80,12 @@ def test_reason_that_inhibits_motion_is_read_from_the_status(fields, words):
         assert all(word in inhibit.text for word in words)
 
 
+@pytest.mark.parametrize('fields', [{'in_error': 1}, {'drives_powered': 0}])
+def test_reason_with_an_error_has_its_advice(fields):
+    status = Status(**{**FINE, 'error_code': 4242, **fields})
+    assert status_inhibit(status, ERRORS).advice == 'less acceleration'
+
+
 def test_status_inhibits_motion_by_estop_error_or_motors_off():
     values = list(TriState)
     for e_stopped, in_error, drives, mode in product(values, values, values, Mode):
