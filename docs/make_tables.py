@@ -25,7 +25,7 @@ from epson_driver.sim_controller.faults.fault_kinds import FAULTS, parameter_tex
 from epson_driver.sim_controller.remote.remote_commands import COMMANDS as REMOTE_COMMANDS
 from epson_driver.sim_controller.remote.sim_commands import SIM_COMMANDS
 from epson_driver.spel.commands import COMMANDS
-from epson_driver.spel.errors import TEXTS
+from epson_driver.spel.errors import ErrorNumber, meaning
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.lint import RULES as LINT_RULES
 from epson_driver.spel.words import CONSTANTS
@@ -70,7 +70,7 @@ def spel_rules() -> Iterator[str]:
 
 def spel_errors() -> Iterator[str]:
     """Yield an item for each error number of the interpreter."""
-    yield from (item(f'`{number:d}`: {text}') for number, text in sorted(TEXTS.items()))
+    yield from (item(f'`{number:d}`: {meaning(number)}') for number in ErrorNumber)
 
 
 def keys() -> Iterator[str]:

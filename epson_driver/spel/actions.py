@@ -11,6 +11,7 @@ from epson_driver.spel.frames import in_local, new_pallet
 from epson_driver.spel.host import Memory
 from epson_driver.spel.library import format_string, parse_string, value_of
 from epson_driver.spel.project_data import LAST_POINT
+from epson_driver.spel.scope import LIMITS
 from epson_driver.spel.task import (
     Linked,
     Reference,
@@ -29,8 +30,6 @@ from epson_driver.spel.values import (
     size,
     store,
 )
-
-_MAX_ELEMENTS = {False: (2_000, 200), True: (100_000, 10_000)}
 
 
 def seconds(task: Task, time: float) -> float:
@@ -343,7 +342,7 @@ def input_terminal(task: Task, targets: tuple[Reference, ...], whole: bool) -> N
 def redim(
     _task: Task, array: Array, bounds: tuple[int, ...], preserve: bool, shared: bool
 ) -> None:
-    numbers, strings = _MAX_ELEMENTS[shared]
+    numbers, strings = LIMITS['global' if shared else 'local']
     maximum = strings if TYPES[array.type].kind == STRING else numbers
     if min(bounds) < 0 or size(bounds) > maximum:
         raise bad('Redim', f'bounds {bounds} are below 0 or give more than {maximum} elements')

@@ -16,7 +16,7 @@ from epson_driver.spel.code import WAITING, FunctionCode, Variable
 from epson_driver.spel.commands import COMMANDS, TASK_TYPE_WORDS, CommandRule
 from epson_driver.spel.conditions import condition, is_condition
 from epson_driver.spel.errors import Position, Problem, SyntaxProblem
-from epson_driver.spel.expression_code import Expressions, check_depth
+from epson_driver.spel.expression_code import COMPARE, Expressions, check_depth
 from epson_driver.spel.scope import Scope
 from epson_driver.spel.values import INT, NUMBERS, POINT, STRING, TYPES, Value
 
@@ -279,9 +279,9 @@ class Compiler:
                 if value.kind == STRING and item.operator not in ('=', '<>'):
                     text = 'strings can be compared by = and <> only'
                     raise SyntaxProblem(self._at, text, 'type')
-                sign = {'=': '==', '<>': '!='}.get(item.operator, item.operator)
                 following = self._mark()
-                self._branch(f'v[{slot}] {sign} {value.text}', yes, following)
+                test = f'v[{slot}] {COMPARE[item.operator]} {value.text}'
+                self._branch(test, yes, following)
                 self._set(following)
             self._jump(no)
             self._set(yes)
@@ -429,20 +429,7 @@ class Compiler:
         expressions = self._expressions
         if kind == 'v':
             return expressions.taker(argument)[0]
-        if kind == 'a':
-            return expressions.array(syntax.Argument(argument))[0]
-        if kind == 's':
-            return expressions.string(argument)
-        if kind == 'p':
-            return expressions.point(argument)
-        if kind == 'x':
-            return expressions.text_or_number(argument)
-        if kind == 'q':
-            code = expressions.which_point(argument)
-        else:
-            code = (
-                expressions.whole(argument) if kind == 'i' else expressions.number(argument).text
-            )
+        code = expressions.argument(syntax.Argument(argument), kind).text
         return expressions.ranged(rule.name, rule.name.lower(), place, argument, code)
 
     @_statement.register

@@ -8,7 +8,7 @@ once, when the statement starts (SPEL+ manual p881, p859).
 """
 
 from epson_driver.spel.errors import SyntaxProblem
-from epson_driver.spel.expression_code import Expressions, check_count
+from epson_driver.spel.expression_code import COMPARE, Expressions, check_count
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.scope import Scope, against_true
 from epson_driver.spel.syntax import Apply, Binary, Expression, Name, Unary
@@ -16,13 +16,12 @@ from epson_driver.spel.values import INT, TYPES, type_word
 from epson_driver.spel.words import is_a
 
 _JOIN = {'and': 'and', 'or': 'or', 'xor': '!='}
-_COMPARE = {'=': '==', '<>': '!=', '<': '<', '>': '>', '<=': '<=', '>=': '>='}
 
 
 def is_condition(expression: Expression, scope: Scope) -> bool:
     """Return whether an expression after Wait is a condition, not a time."""
     if isinstance(expression, Binary):
-        return expression.operator in ('and', 'or', 'xor', 'mask', *_COMPARE)
+        return expression.operator in ('and', 'or', 'xor', 'mask', *COMPARE)
     if isinstance(expression, Unary):
         return expression.operator == 'not'
     if isinstance(expression, Name | Apply) and scope.variable(expression.name) is None:
@@ -50,11 +49,11 @@ def _test(expression: Expression, expressions: Expressions, before: list[str]) -
         return f'({left} {_JOIN[expression.operator]} {right})'
     if isinstance(expression, Unary) and expression.operator == 'not':
         return f'(not {_test(expression.operand, expressions, before)})'
-    if isinstance(expression, Binary) and expression.operator in _COMPARE:
+    if isinstance(expression, Binary) and expression.operator in COMPARE:
         expression = against_true(expression)
         left = _event(expression.left, expressions, before)
         right = _once(expression.right, expressions, before)
-        return f'({left} {_COMPARE[expression.operator]} {right})'
+        return f'({left} {COMPARE[expression.operator]} {right})'
     return _event(expression, expressions, before)
 
 

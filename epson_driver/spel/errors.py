@@ -95,21 +95,10 @@ class ErrorNumber(IntEnum):
 
 
 TEXTS: dict[int, str] = {
-    ErrorNumber.LOOP_LEFT: 'loops were left by GoTo too often',
-    ErrorNumber.NO_HOME: 'no home position is defined',
-    ErrorNumber.TASK_NUMBER: 'the task number is out of range',
     ErrorNumber.NO_SUCH_TASK: 'the task does not exist',
-    ErrorNumber.WAIT_TIMEOUT: 'the Wait took longer than TMOut allows',
-    ErrorNumber.RETURN_WITHOUT_GOSUB: 'Return without GoSub',
-    ErrorNumber.NO_LIBRARY: 'the DLL cannot be reached',
-    ErrorNumber.INPUT_COUNT: 'the number of values does not fit the variables of Input',
     ErrorNumber.ENDLESS_LOOP: 'an endless loop without a Wait: add a Wait of 0.01 s or more',
     ErrorNumber.NETWORK: 'network error: the peer is lost',
     ErrorNumber.PORT_IN_USE: 'the port belongs to another task',
-    ErrorNumber.PORT_NOT_OPEN: 'the port is not open',
-    ErrorNumber.READ_TIMEOUT: 'reading from the network took too long',
-    ErrorNumber.POINT_UNDEFINED: 'the point is not defined',
-    ErrorNumber.NO_SUCH_FILE: 'the file does not exist',
     ErrorNumber.OVERFLOW: 'the value does not fit its type',
     ErrorNumber.DIVISION_BY_ZERO: 'division by zero: check the divisor first',
     ErrorNumber.INDEX: 'an array index is out of range: it goes from 0 to UBound',
@@ -121,6 +110,7 @@ TEXTS: dict[int, str] = {
     ErrorNumber.RESUME: 'EResume without an error',
     ErrorNumber.NOT_SIMULATED: f'not simulated: a result can be in {SETTINGS_FILE}',
 }
+"""Texts that explain an error better to a programmer than the table of the controller's errors."""
 
 
 OWN_NUMBERS = range(9990, 9999)

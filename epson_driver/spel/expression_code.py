@@ -46,7 +46,8 @@ from epson_driver.spel.words import is_a, not_simulated
 
 OFFSET = re.compile(r'([XYZUVWRST])(\d+)', re.IGNORECASE)  # written in place of X(50) by mistake
 
-_COMPARE = {'=': '==', '<>': '!=', '<': '<', '>': '>', '<=': '<=', '>=': '>='}
+COMPARE = {'=': '==', '<>': '!=', '<': '<', '>': '>', '<=': '<=', '>=': '>='}
+"""Comparison operator → the same operator in Python."""
 _BITS = {'and': '&', 'or': '|', 'xor': '^', 'mask': '&'}
 _WORDS = {
     INT: 'a whole number',
@@ -133,9 +134,6 @@ class Expressions:
 
     def string(self, expression: Expression) -> str:
         return self._expect(expression, (STRING,), 'a string').text
-
-    def text_or_number(self, expression: Expression) -> str:
-        return self._expect(expression, (*NUMBERS, STRING), 'a number or a string').text
 
     def point(self, expression: Expression) -> str:
         """Compile an expression. Raises SyntaxProblem if its value is not a point.
@@ -351,10 +349,10 @@ class Expressions:
         if (left.kind == STRING) != (right.kind == STRING):
             text = f'{operator} has {_WORDS[left.kind]} on one side'
             raise SyntaxProblem(at, f'{text} and {_WORDS[right.kind]} on the other', 'type')
-        if operator in _COMPARE:
+        if operator in COMPARE:
             if left.kind == STRING and operator not in ('=', '<>'):
                 raise SyntaxProblem(at, 'strings can be compared by = and <> only', 'type')
-            compared = f'({left.text} {_COMPARE[operator]} {right.text})'
+            compared = f'({left.text} {COMPARE[operator]} {right.text})'
             return Code(f'(-{compared})', INT, compared, checked=True)
         if left.kind == STRING:
             if operator != '+':
@@ -496,7 +494,7 @@ class Expressions:
         codes: list[Code] = []
         key = rule.name.lower()
         for place, (argument, kind) in enumerate(zip(arguments, kinds, strict=False)):
-            code = self._argument(argument, kind[0])
+            code = self.argument(argument, kind[0])
             text = self.ranged(rule.name, key_of(key), place, argument.value, code.text)
             codes.append(code._replace(text=text))
         passed = ', '.join(code.text for code in codes)
@@ -520,7 +518,8 @@ class Expressions:
         variable = self.scope.variable(expression.name)
         return variable is not None and variable.type == 'uint32'
 
-    def _argument(self, argument: Argument, kind: str) -> Code:
+    def argument(self, argument: Argument, kind: str) -> Code:
+        """Compile an argument of a kind that functions.py and commands.py list."""
         value = argument.value
         if kind == 'a':
             return Code(self.array(argument)[0], INT)

@@ -46,7 +46,8 @@ _LEVELS: tuple[tuple[str, ...], ...] = (
 )
 _LEVEL = {operator: level for level, row in enumerate(_LEVELS) for operator in row}
 _NOT = _LEVELS.index(())
-_SAME = {'=<': '<=', '=>': '>='}
+SAME = {'=<': '<=', '=>': '>='}
+"""Another form of an operator → its usual form."""
 _POINT_FUNCTIONS = frozenset(
     [name for name, rule in FUNCTIONS.items() if rule.result == POINT]
     + [name for name, result in STUB_RESULTS.items() if result == POINT]
@@ -189,7 +190,7 @@ class Reader:
             self._operators += 1
             if self._operators > MAX_OPERATORS:
                 raise SyntaxProblem(token.position, 'the expression is too long: split it')
-            operator = _SAME.get(token.lower, token.lower)
+            operator = SAME.get(token.lower, token.lower)
             left = Binary(operator, left, self._binary(level + 1), token.position)
         return left
 

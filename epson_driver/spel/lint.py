@@ -29,6 +29,7 @@ from epson_driver.spel.errors import Position, Problem, to_add
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.lint_rules import (
     UNPROVEN,
+    arrays,
     included,
     leaves,
     literals,
@@ -538,12 +539,12 @@ class _Lint:
 
     def _comparisons(self) -> Iterator[Problem]:
         booleans = self._booleans()
-        for name, function in self.functions.items():
+        for function, bounds in arrays(self.program):
             for node in function.of(Binary):
                 if node.operator in ('=', '<>'):
-                    yield from self._true(node, booleans | {name})
+                    yield from self._true(node, booleans | {function.name.lower()})
                 elif node.operator == 'and':
-                    yield from self._guard(node)
+                    yield from self._guard(node, bounds)
 
     def _booleans(self) -> set[str]:
         match = set()
@@ -570,7 +571,7 @@ class _Lint:
             text += f'write {other.name} <> 0, or = On'
             yield Problem(node.at, 'true-compare', text, warning=True)
 
-    def _guard(self, node: Binary) -> Iterator[Problem]:
+    def _guard(self, node: Binary, arrays: Mapping[str, tuple[int, ...]]) -> Iterator[Problem]:
         """Yield a problem for `i <= 3 And a(i) = 1` if 3 is the upper bound of a.
 
         SPEL+ evaluates both sides, so it also evaluates a(4).
@@ -583,22 +584,14 @@ class _Lint:
                     last = limit + _LAST[item.operator]
                     guarded.setdefault(item.left.name.lower(), set()).add(last)
         for item in walk(node.right):
-            bounds = self._bounds.get(item.name.lower()) if isinstance(item, Apply) else None
-            if bounds is None or len(bounds) != len(item.arguments):
+            bounds = arrays.get(item.name.lower(), ()) if isinstance(item, Apply) else ()
+            if not bounds or len(bounds) != len(item.arguments):
                 continue
             for argument, bound in zip(item.arguments, bounds, strict=True):
                 index = argument.value
                 if isinstance(index, Name) and guarded.get(index.name.lower(), set()) & {bound, 0}:
                     text = f'And evaluates both sides: it does not guard {item.name}({index.name})'
                     yield Problem(item.at, 'and-guard', text, warning=True)
-
-    @cached_property
-    def _bounds(self) -> dict[str, tuple[int | float | None, ...]]:
-        return {
-            node.name.lower(): tuple(constant(bound, CONSTANTS) for bound in node.bounds)
-            for node in self._everywhere(VariableName)
-            if node.bounds
-        }
 
     def _nesting(self) -> Iterator[Problem]:
         for function in self.functions.values():

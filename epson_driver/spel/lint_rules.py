@@ -357,7 +357,7 @@ _CHECKED = (
 
 
 def literals(program: Program) -> Iterator[Problem]:
-    for function, bounds in _arrays(program):
+    for function, bounds in arrays(program):
         for node in function.of(*_CHECKED):
             if isinstance(node, syntax.Command):
                 for place, value in enumerate(node.arguments):
@@ -408,7 +408,7 @@ Bounds = dict[str, tuple[int, ...]]
 """Name of a variable in lower case → its upper bounds, or () if they are not constant."""
 
 
-def _arrays(program: Program) -> Iterator[tuple[syntax.Function, ChainMap[str, tuple[int, ...]]]]:
+def arrays(program: Program) -> Iterator[tuple[syntax.Function, ChainMap[str, tuple[int, ...]]]]:
     """Yield each function with the bounds of its arrays.
 
     A resized array has the bounds ().

@@ -20,7 +20,7 @@ from epson_driver.spel.commands import (
     TYPES,
 )
 from epson_driver.spel.errors import Position, Problem, SyntaxProblem
-from epson_driver.spel.expressions import Reader, is_point_literal
+from epson_driver.spel.expressions import SAME, Reader, is_point_literal
 from epson_driver.spel.lexer import NAME, STRING, Token
 from epson_driver.spel.preprocess import Line
 from epson_driver.spel.statements import Statements, coordinates
@@ -482,9 +482,8 @@ def _assignment(reader: Reader, word: str) -> Assign | None:
 
 def _case_item(reader: Reader) -> CaseItem:
     if reader.sees('<', '>', '<=', '>=', '=', '<>', '=<', '=>'):
-        operator = {'=<': '<=', '=>': '>='}.get(reader.here.text, reader.here.text)
-        reader.step()
-        return CaseItem(operator, reader.expression())
+        sign = reader.step().text
+        return CaseItem(SAME.get(sign, sign), reader.expression())
     return CaseItem('=', reader.expression())
 
 

@@ -23,7 +23,6 @@ from epson_driver.spel.ranges import PORTS
 from epson_driver.spel.task import Port, Reference, Task
 from epson_driver.spel.values import LONGEST_STRING, TYPES, Array, Point, Value, nearest, store
 
-ONE_TASK = ': one task opens, uses and closes a port'
 _DISPLAYS = (0, 20, 21, 24)
 """Numbers of devices that display printed text, like the run window."""
 _MAX_BYTES = 1_023
@@ -40,13 +39,20 @@ def _taken(task: Task, port: Port) -> bool:
     return port.owner not in (0, task.number) and port.owner in task.world.tasks
 
 
-def _opened(task: Task, name: str, number: int) -> Port:
+def _usable(task: Task, name: str, number: float) -> Port:
+    """Return a port. Raises SpelError if another task has opened it."""
     port = port_of(task, name, number)
+    if _taken(task, port):
+        text = f'{name}: port {nearest(number)} was opened by task {port.owner}'
+        text += ': one task opens, uses and closes a port'
+        raise SpelError(ErrorNumber.PORT_IN_USE, text)
+    return port
+
+
+def _opened(task: Task, name: str, number: int) -> Port:
+    port = _usable(task, name, number)
     if port.owner == 0:
         raise SpelError(ErrorNumber.PORT_NOT_OPEN, f'{name}: port {number} is not open')
-    if _taken(task, port):
-        text = f'{name}: port {number} was opened by task {port.owner}{ONE_TASK}'
-        raise SpelError(ErrorNumber.PORT_IN_USE, text)
     return port
 
 
@@ -68,10 +74,7 @@ def set_net(
 
 
 def open_net(task: Task, number: float, words: tuple[str, ...] = ()) -> None:
-    port = port_of(task, 'OpenNet', number)
-    if _taken(task, port):
-        text = f'OpenNet: port {nearest(number)} was opened by task {port.owner}{ONE_TASK}'
-        raise SpelError(ErrorNumber.PORT_IN_USE, text)
+    port = _usable(task, 'OpenNet', number)
     network = task.world.host.network
     if port.owner:
         network.close_net(nearest(number))
@@ -81,14 +84,10 @@ def open_net(task: Task, number: float, words: tuple[str, ...] = ()) -> None:
 
 def close_net(task: Task, number: float | None) -> None:
     """Execute `CloseNet #n|All`. `All` excludes the ports of other running tasks."""
-    numbers = list(task.world.ports) if number is None else [nearest(number)]
-    for item in numbers:
-        port = port_of(task, 'CloseNet', item)
-        if _taken(task, port):
-            if number is None:
-                continue
-            text = f'CloseNet: port {item} was opened by task {port.owner}{ONE_TASK}'
-            raise SpelError(ErrorNumber.PORT_IN_USE, text)
+    ports = task.world.ports
+    free = [item for item, port in ports.items() if not _taken(task, port)]
+    for item in free if number is None else [nearest(number)]:
+        port = _usable(task, 'CloseNet', item)
         if port.owner:
             task.world.host.network.close_net(item)
             port.owner = 0

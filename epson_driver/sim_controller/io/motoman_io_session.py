@@ -45,13 +45,8 @@ from epson_driver.simple_message.motoman import (
 )
 
 _BIT_DIGITS = 10
-_OUT_OF_RANGE = 'it must be an existing general input or output'
 
 _log = logging.getLogger(__name__)
-
-
-class _AddressError(Exception):
-    """An I/O address does not exist. The message gives the reason."""
 
 
 class MotomanIoSession:
@@ -92,32 +87,29 @@ class MotomanIoSession:
 
     def _read_bit(self, message: ReadIoBit) -> ReadIoBitReply:
         try:
-            io_type, index = _bit(message.address)
-            return ReadIoBitReply(self._points.read(io_type, index), MotomanIoResult.OK)
-        except (_AddressError, IoError) as error:
+            value = self._points.read(*_bit(message.address))
+        except IoError as error:
             return ReadIoBitReply(0, _refused(MotomanIoResult.READ_ADDRESS_INVALID, error))
+        return ReadIoBitReply(value, MotomanIoResult.OK)
 
     def _read_group(self, message: ReadIoGroup) -> ReadIoGroupReply:
         try:
-            io_type, group = _group(message.address)
-            value = self._points.read_port(io_type, group, BYTE_BITS)
-        except (_AddressError, IoError) as error:
+            value = self._points.read_port(*_group(message.address), BYTE_BITS)
+        except IoError as error:
             return ReadIoGroupReply(0, _refused(MotomanIoResult.READ_ADDRESS_INVALID, error))
         return ReadIoGroupReply(value, MotomanIoResult.OK)
 
     def _write_bit(self, message: WriteIoBit) -> WriteIoBitReply:
         try:
-            io_type, index = _bit(message.address)
-            self._points.write(io_type, index, message.value)
-        except (_AddressError, IoError) as error:
+            self._points.write(*_bit(message.address), message.value)
+        except IoError as error:
             return WriteIoBitReply(_not_written(error))
         return WriteIoBitReply(MotomanIoResult.OK)
 
     def _write_group(self, message: WriteIoGroup) -> WriteIoGroupReply:
         try:
-            io_type, group = _group(message.address)
-            self._points.write_port(io_type, group, BYTE_BITS, message.value)
-        except (_AddressError, IoError) as error:
+            self._points.write_port(*_group(message.address), BYTE_BITS, message.value)
+        except IoError as error:
             return WriteIoGroupReply(_not_written(error))
         return WriteIoGroupReply(MotomanIoResult.OK)
 
@@ -125,7 +117,8 @@ class MotomanIoSession:
 def _bit(address: int) -> tuple[IoType, int]:
     group, place = divmod(address, _BIT_DIGITS)
     if place >= BYTE_BITS:
-        raise _AddressError(f'address {address}: its last digit must be 0 to {BYTE_BITS - 1}')
+        text = f'address {address}: its last digit must be 0 to {BYTE_BITS - 1}'
+        raise IoError(IoResult.INDEX_OUT_OF_RANGE, text)
     io_type, number = _group(group)
     return io_type, number * BYTE_BITS + place
 
@@ -135,16 +128,17 @@ def _group(address: int) -> tuple[IoType, int]:
         return IoType.DIGITAL_INPUT, address - GENERAL_INPUTS
     if GENERAL_OUTPUTS <= address < 2 * GENERAL_OUTPUTS - 2:
         return IoType.DIGITAL_OUTPUT, address - GENERAL_OUTPUTS
-    raise _AddressError(f'group {address}: {_OUT_OF_RANGE}')
+    text = f'group {address}: it must be an existing general input or output'
+    raise IoError(IoResult.INDEX_OUT_OF_RANGE, text)
 
 
-def _not_written(error: _AddressError | IoError) -> MotomanIoResult:
-    wrong_value = isinstance(error, IoError) and error.result == IoResult.VALUE_OUT_OF_RANGE
-    result = MotomanIoResult.WRITE_ADDRESS_INVALID
-    return _refused(MotomanIoResult.WRITE_VALUE_INVALID if wrong_value else result, error)
+def _not_written(error: IoError) -> MotomanIoResult:
+    if error.result == IoResult.VALUE_OUT_OF_RANGE:
+        return _refused(MotomanIoResult.WRITE_VALUE_INVALID, error)
+    return _refused(MotomanIoResult.WRITE_ADDRESS_INVALID, error)
 
 
-def _refused(result: MotomanIoResult, error: Exception) -> MotomanIoResult:
+def _refused(result: MotomanIoResult, error: IoError) -> MotomanIoResult:
     _log.warning('refused (%d, %s): %s', result, result.name, error)
     return result
 

@@ -49,7 +49,7 @@ def command(
     if name in SETTING_WORDS:
         _set(robot.controller, SETTING_WORDS[name], arguments)
         return None
-    if name in _IGNORED and name not in SETTING_WORDS:
+    if name in _IGNORED:
         return None
     return COMMANDS[name](robot, arguments, words)
 
