@@ -15,8 +15,17 @@ from epson_driver.processes import processes
 
 
 def pytest_configure(config: Any) -> None:
-    """Set the number of examples before the collection, which reads the settings."""
+    """Set the number of examples before the collection, which reads the settings.
+
+    Each process starts with other files, so that all compile a fresh checkout together. The items
+    are sorted afterwards.
+    """
     load_profile(profile_for(config.option.markexpr))
+    worker = getattr(config, 'workerinput', None)
+    if worker and config.args == config.getini('testpaths'):
+        files = [str(path) for path in sorted(config.rootpath.glob('test/**/test_*.py'))]
+        first = len(files) * int(worker['workerid'][2:]) // worker['workercount']
+        config.args = [*files[first:], *files[:first]]
 
 
 @pytest.hookimpl(wrapper=True)
@@ -65,7 +74,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     def whole(item: pytest.Item) -> bool:
         return not WHOLE_PROCESSES.isdisjoint(item.path.parts)
 
-    items.sort(key=lambda item: (item.path.name != 'test_worlds.py', not whole(item)))
+    items.sort(key=lambda item: (item.path.name != 'test_worlds.py', not whole(item), item.path))
     for item in items:
         if whole(item) and item.get_closest_marker('quick') is None:
             item.add_marker(pytest.mark.slow)
