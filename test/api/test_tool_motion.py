@@ -280,7 +280,7 @@ async def test_cancelled_line_stops_on_the_line():
         start = robot.pose
         end = start.copy()
         end[1, 3] += 0.1
-        line = asyncio.create_task(robot.move_line(end, speed=0.01))
+        line = asyncio.create_task(robot.move_line(end, speed=0.03))
         while robot.pose[1, 3] < start[1, 3] + 0.02:  # planning may take long
             assert not line.done()
             await asyncio.sleep(0.02)

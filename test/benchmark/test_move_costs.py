@@ -12,7 +12,7 @@ from benchmark.moves import inputs, moves, short_planning
     ('profile', 'longest'), [('simulated', 0.09), ('motoman', 0.08), ('remote', 0.1)]
 )
 async def test_move_costs_little_besides_its_motion(profile, longest, monkeypatch):
-    monkeypatch.setattr('benchmark.moves.REPEATS', 4)
+    monkeypatch.setattr('benchmark.moves.REPEATS', 2)
     with short_planning():
         async with robot_cell(profile=profile, smooth=True) as (robot, controller):
             times, ratio = await moves(robot, controller)

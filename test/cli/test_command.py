@@ -58,12 +58,21 @@ def command(*arguments: str, before: str = '') -> subprocess.CompletedProcess[st
     ],
 )
 def test_mistake_at_the_shell_is_answered_with_a_remedy(
-    arguments: tuple[str, ...], error: str
+    arguments: tuple[str, ...],
+    error: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    run = command(*arguments)
-    assert run.returncode in (1, 2)
-    assert error in run.stderr
-    assert not arguments or len(run.stderr.splitlines()) == 1
+    monkeypatch.setattr(sys, 'argv', ['epson_driver', *arguments])
+    monkeypatch.setattr(main, 'raise_at_interrupt', lambda: None)
+    try:
+        code = main._run()
+    except SystemExit as end:
+        code = end.code
+    assert code in (1, 2)
+    stderr = capsys.readouterr().err
+    assert error in stderr
+    assert not arguments or len(stderr.splitlines()) == 1
 
 
 def test_version_equals_package_xml() -> None:

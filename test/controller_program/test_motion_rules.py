@@ -63,14 +63,15 @@ def assert_at(server, joints):
 def assert_works(server):
     """Assert that a new trajectory is executed."""
     server.take()
-    server.send(point(0, THERE, 0.0, 1.0))
+    target = server.joints + 0.1 * np.array(THERE)
+    server.send(point(0, target, 0.0, 0.2))
     assert server.error == 0
     server.run(0.1)
     while server.moving:
-        server.run(0.2)
+        server.run(0.05)
         server.send(HEARTBEAT)
     server.assert_answers((0, SUCCESS))
-    assert_at(server, THERE)
+    assert_at(server, target)
 
 
 # ---- points
@@ -261,7 +262,7 @@ def test_inv2_limit_rounded_to_float32_is_inside_and_beyond_is_not(server, limit
     outward = np.float32(np.sign(limit[joint]) * np.inf)
     angle = np.float32(limit[joint])
     for value in (angle, np.nextafter(angle, -outward)):
-        server.send(point(0, [0.0] * joint + [float(value)], 0.0, 3.0))
+        server.send(point(0, [0.0] * joint + [float(value)], 0.0, 1.5))
         server.rest()
         server.assert_answers((0, SUCCESS))
         position = server.joints[joint]

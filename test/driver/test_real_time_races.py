@@ -91,7 +91,7 @@ async def races(count, events, seed):
 
 @pytest.mark.parametrize('event', EVENTS)
 def test_inv4_stopped_goal_of_real_time_motion_moves_nothing_afterwards(event):
-    run(races(5, (event,), 1), 120.0)
+    run(races(3, (event,), 1), 120.0)
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_inv4_in_660_races_of_stops_nothing_moves_afterwards(block):
 async def test_inv4_pending_enable_does_not_undo_an_event_that_disables_the_arm(event):
     chance = random.Random(3)
     async with cell_of(PROFILE) as (harness, controller, _):
-        for _ in range(6):
+        for _ in range(3):
             await until(lambda: linked(harness))
             controller.apply(Event.MOTORS_OFF)
             controller.faults.start(parse('delay seconds=0.03'))

@@ -145,7 +145,7 @@ async def jogged(name, factor, speed=0.2, refusal=''):
         speedometer = Speedometer(controller)
         if factor != 1.0:
             harness.driver.goal_queue.set_speed(factor)
-        for _ in range(75):
+        for _ in range(40):
             reason = harness.driver.servo.take(velocities(pose(speed))) or ''
             assert (refusal in reason) if refusal else not reason
             await asyncio.sleep(0.02)

@@ -441,6 +441,7 @@ def test_estop_that_was_not_pressed_in_time_is_offered_again(tmp_path, monkeypat
         return await answer(user, sentence)
 
     monkeypatch.setattr(User, 'ask', answer_late)
+    monkeypatch.setattr('epson_driver.first_run.steps.BACK_AND_FORTH', 2)
     book = first_day(tmp_path, only=['E-stop'])['book']
     assert book.entries['E-stop'].why == 'there was no E-stop during the motion'
     assert book.habits == []

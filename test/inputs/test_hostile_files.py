@@ -287,7 +287,7 @@ READERS: dict[str, tuple[Callable[[Path], object], Callable[[Path], Path]]] = {
 SPEL_READS_NO_LINK = 'file of SPEL+'
 
 
-@pytest.mark.parametrize('name', one_in(4, READERS))
+@pytest.mark.parametrize('name', one_in(8, READERS))
 def test_inv7_reader_reads_or_refuses_any_file(name: str, tmp_path: Path) -> None:
     reader, made = READERS[name]
     original = tmp_path / 'original'

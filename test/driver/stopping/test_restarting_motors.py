@@ -70,7 +70,7 @@ async def test_enable_switches_the_motors_on_and_starts_the_program():
 async def test_inv4_after_an_estop_only_enable_starts_the_program_without_old_points():
     async with spel_cell() as (harness, controller, _):
         await harness.commands.enable()
-        goal = harness.submit(pose(1.5), step=30.0)
+        goal = harness.submit(pose(1.5), step=6.0)
         await harness.until_moving()
         controller.apply(Event.ESTOP_PRESS)
         assert (await goal.end()).end is not End.SUCCEEDED
@@ -107,7 +107,7 @@ async def test_enable_starts_a_program_that_a_user_stopped():
 async def test_reset_stops_the_program_and_disables_the_arm():
     async with spel_cell() as (harness, controller, _):
         await harness.commands.enable()
-        goal = harness.submit(pose(1.5), step=30.0)
+        goal = harness.submit(pose(1.5), step=6.0)
         await harness.until_moving()
         await harness.commands.reset_error()
         assert (await goal.end()).end is not End.SUCCEEDED
@@ -121,7 +121,7 @@ async def test_reset_stops_the_program_and_disables_the_arm():
 async def test_disable_stops_the_program_and_switches_the_motors_off():
     async with spel_cell() as (harness, controller, _):
         await harness.commands.enable()
-        goal = harness.submit(pose(1.5), step=30.0)
+        goal = harness.submit(pose(1.5), step=6.0)
         await harness.until_moving()
         assert await harness.commands.disable() == 'the arm is disabled and the motors are off'
         assert (await goal.end()).end is not End.SUCCEEDED
