@@ -66,7 +66,7 @@ def test_mistake_at_the_shell_is_answered_with_a_remedy(
     monkeypatch.setattr(sys, 'argv', ['epson_driver', *arguments])
     monkeypatch.setattr(main, 'raise_at_interrupt', lambda: None)
     try:
-        code = main._run()
+        code: object = main._run()
     except SystemExit as end:
         code = end.code
     assert code in (1, 2)

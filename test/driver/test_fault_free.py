@@ -15,7 +15,7 @@ from support.streams import velocities
 from epson_driver.driver.outcome import End
 from epson_driver.motion import Trajectory
 
-SEQUENCES, BLOCK, SLOW_BLOCKS = 2000, 4, 10
+SEQUENCES, BLOCK, SLOW_BLOCKS = 2000, 4, 6
 """Number of sequences, of sequences played with one arm, and of blocks in the slow tests."""
 
 LONGEST = 300.0

@@ -88,7 +88,7 @@ def cases() -> dict[str, tuple[Array, JointLimits, float]]:
 
 @pytest.mark.parametrize(
     ('max_points', 'min_count'),
-    [(40, 14), *(pytest.param(*pair, marks=pytest.mark.slow) for pair in ((60, 24), (1000, 28)))],
+    [(40, 14), pytest.param(1000, 28, marks=pytest.mark.slow)],
 )
 def test_motion_is_as_fast_as_the_optimum_of_another_solver(
     max_points: int, min_count: int
@@ -109,7 +109,7 @@ def test_motion_is_as_fast_as_the_optimum_of_another_solver(
 
 
 @pytest.mark.parametrize(
-    'seeds', [range(31_000, 31_001), pytest.param(range(32_000, 32_004), marks=pytest.mark.slow)]
+    'seeds', [range(31_000, 31_001), pytest.param(range(32_000, 32_002), marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize(
     'family', one_in(6, [name for name in FAMILIES if name not in LONG_FAMILIES])

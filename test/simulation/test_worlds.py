@@ -20,7 +20,7 @@ from simulation.shrink import shrunk
 from simulation.world import World
 
 ROOT = Path(__file__).resolve().parents[2]
-QUICK, ALL, BLOCK = 1, 6, 6
+QUICK, ALL, BLOCK = 1, 4, 6
 """Blocks of worlds in the quick tests and with the slow ones, and worlds per block."""
 
 

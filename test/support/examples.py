@@ -50,8 +50,8 @@ def examples(count: int) -> int:
     return max(count * settings.default.max_examples // FULL, min(count, MIN_EXAMPLES))
 
 
-MAX_SLOW = 6
-"""Maximum number of parameters that `make test-all` adds: of 125 arms, for example, 6."""
+MAX_SLOW = 4
+"""Maximum number of parameters that `make test-all` adds: of 125 arms, for example, 4."""
 
 
 def one_in(every: int, values: Iterable[Any], *, several: bool = False) -> list[Any]:
