@@ -16,7 +16,7 @@ from epson_driver.motion.smoother.request import ActivePlan, Plan, Request
 from epson_driver.motion.smoother.waypoints import Waypoint, Waypoints
 from epson_driver.motion.time_parametrisation import TimeParametrisation
 
-START_DELAY_S = 0.025
+START_DELAY_S = 0.02
 """Delay before a short motion starts from rest, s. More points may arrive during this time."""
 
 MAX_START_DELAY_S = 0.1

@@ -108,7 +108,7 @@ def test_power_changed_in_a_hold_applies_after_resume(low):
 
 
 def test_power_changed_during_the_first_planning_applies():
-    harness = low_harness(False, delay=0.05)
+    harness = low_harness(False, delay=0.06)
     points = curve_points(15, 0.1)
     harness.send(points)
     harness.run(0.07)
