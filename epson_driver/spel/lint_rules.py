@@ -15,7 +15,7 @@ from epson_driver.spel.errors import Position, Problem
 from epson_driver.spel.expressions import is_point_literal
 from epson_driver.spel.ranges import FILES, PORTS, key_of, outside
 from epson_driver.spel.scope import constant
-from epson_driver.spel.words import CONSTANTS, SYNTAX
+from epson_driver.spel.words import CONSTANTS
 
 _MOVED = 'the robot is moved by'
 _OWNED = {
@@ -84,54 +84,10 @@ class Form(NamedTuple):
     find: Callable[[syntax.Function], Iterator[Position]] | None = None
 
 
-def _case_lists(function: syntax.Function) -> Iterator[Position]:
-    for node in function.of(syntax.Select):
-        yield from (items[1].value.at for items, _ in node.cases if len(items) > 1)
-
-
 def _elements_by_reference(function: syntax.Function) -> Iterator[Position]:
     for node in function.of(syntax.Argument):
         if node.by_reference and isinstance(node.value, syntax.Apply):
             yield node.value.at
-
-
-def _double_tests(function: syntax.Function) -> Iterator[Position]:
-    for node in function.of(syntax.Do):
-        if node.before is not None and node.after is not None:
-            yield node.at
-
-
-def _elements_as_counters(function: syntax.Function) -> Iterator[Position]:
-    for node in function.of(syntax.For):
-        if isinstance(node.variable, syntax.Apply):
-            yield node.variable.at
-
-
-def _other_parameters(function: syntax.Function) -> Iterator[Position]:
-    for node in function.of(syntax.Motion):
-        searches = [word for word in ('till', 'find', 'sense') if getattr(node, word) is not False]
-        used = {'c0' if name == 'c' else name for name, _ in node.numbers}
-        used |= {*searches, *node.words, *(['cp'] * node.cp), *('!' * bool(node.parallel))}
-        known = re.findall(r'\w+|!', SYNTAX[node.name.lower()].lower())
-        if used - set(known) or len(searches) > 1:
-            yield node.at
-
-
-_PARALLEL = frozenset(
-    {'on', 'off', 'memon', 'memoff', 'out', 'outw', 'opbcd', 'memout', 'memoutw', 'signal'}
-    | {'waitsig', 'hand_on', 'hand_off'}
-)
-"""Statements of the manual's table for `!…!`, except Wait, Print and functions of a DLL."""
-
-
-def _other_parallel_statements(function: syntax.Function) -> Iterator[Position]:
-    for node in function.of(syntax.Motion):
-        places = syntax.walk(node.points) if node.parallel else ()
-        here = any(getattr(item, 'name', '').lower() == 'here' for item in places)
-        for item in node.parallel:
-            known = isinstance(item, syntax.Share | syntax.Wait | syntax.Print | syntax.Call)
-            if here or not (known or getattr(item, 'name', '').lower() in _PARALLEL):
-                yield item.at
 
 
 def _negated_waits(function: syntax.Function) -> Iterator[Position]:
@@ -149,18 +105,8 @@ def _masks_elsewhere(function: syntax.Function) -> Iterator[Position]:
             yield node.at
 
 
-def _numbers_for_words(function: syntax.Function) -> Iterator[Position]:
-    for node in function.of(syntax.Command):
-        if node.name.lower() in ('motor', 'cp', 'qp') and node.arguments:
-            yield node.at
-
-
-def _assigning_statements(function: syntax.Function) -> Iterator[Position]:
-    yield from (node.at for node in function.of(syntax.Command) if node.name.lower() == 'plocal')
-
-
 UNPROVEN = (
-    Form('`Case 1, 2`', 'one value (p714)', 'write a Case for each', _case_lists),
+    Form('`Case 1, 2`', 'one value (p714)', 'write a Case for each'),
     Form(
         '`ByRef a(1)`',
         'variables and whole arrays (p184)',
@@ -171,25 +117,22 @@ UNPROVEN = (
         '`Do While a` with `Loop Until b`',
         'one condition, after Do or after Loop (p289)',
         'use If and Exit Do',
-        _double_tests,
     ),
-    Form('`For a(1) = …`', 'a variable (p344)', 'copy the element', _elements_as_counters),
+    Form('`For a(1) = …`', 'a variable (p344)', 'copy the element'),
     Form(
         'a parameter of another motion (`Go P1 ROT`)',
         'the parameters of each motion on its page, and one of Till, Find and Sense',
         'omit it',
-        _other_parameters,
     ),
     Form(
         '`Go P1 !Speed 5!`, `Go Here !On 1!`',
         'I/O, Signal, WaitSig, Wait and Print in !…!, and no Here before it (p55 to p57)',
         'split it',
-        _other_parallel_statements,
     ),
     Form('`Go P1, CP`', 'blanks between the parameters (p353)', 'remove the comma'),
     Form('`Wait Not Sw(1)`', 'And, Or, Xor and Mask (p881)', 'compare with Off', _negated_waits),
-    Form('`Motor 1`, `CP 1`, `QP 1`', 'On and Off (p549)', 'use If', _numbers_for_words),
-    Form('`PLocal P1, 2`', '`PLocal(P1) = 2` (p634)', 'assign', _assigning_statements),
+    Form('`Motor 1`, `CP 1`, `QP 1`', 'On and Off (p549)', 'use If'),
+    Form('`PLocal P1, 2`', '`PLocal(P1) = 2` (p634)', 'assign'),
     Form(
         '`Else Print 1`',
         'Else, ElseIf … Then and Default as whole lines (p419, p714)',

@@ -107,7 +107,7 @@ class Parser(Statements):
         points: Container[str] = frozenset(),
     ) -> None:
         super().__init__(functions, points)
-        self._file = File(name, marks=self._marks)
+        self._file = File(name, marks=self.marks)
         self._problems = problems
         self._lines = lines
         self._line = 0
@@ -192,7 +192,7 @@ class Parser(Statements):
         if reader.takes('as'):
             result = _type(reader)
         else:
-            self._marks.append(('`Declare f, "a.dll"`', at))
+            self._mark('`Declare f, "a.dll"`', at)
         if result == 'string':
             raise SyntaxProblem(
                 at, 'a function of a DLL cannot return a String: pass one ByRef', 'type'
@@ -346,7 +346,7 @@ class Parser(Statements):
         if rest:
             self._queue.insert(0, rest)
             if unproven:
-                self._marks.append(('`Else Print 1`', rest[0].position))
+                self._mark('`Else Print 1`', rest[0].position)
 
     def _one_line_if(self, reader: Reader, first: Token, condition: Expression) -> If:
         self._depth += 1
@@ -399,6 +399,8 @@ class Parser(Statements):
             items = [_case_item(closing)]
             while closing.takes(','):
                 items.append(_case_item(closing))
+            if len(items) > 1:
+                self._mark('`Case 1, 2`', items[1].value.at)
             self._rest_as_statement(closing)
             cases.append((tuple(items), self._block(ends)))
 
@@ -410,10 +412,14 @@ class Parser(Statements):
         closing.step()
         after = _test(closing)
         closing.end()
+        if before is not None and after is not None:
+            self._mark('`Do While a` with `Loop Until b`', first.position)
         return Do(before, body, after, first.position)
 
     def read_for(self, reader: Reader, first: Token) -> For:
         variable = reader.target()
+        if isinstance(variable, Apply):
+            self._mark('`For a(1) = …`', variable.at)
         reader.need('=')
         low = reader.expression()
         reader.need('to')

@@ -47,7 +47,9 @@ from epson_driver.spel.syntax import (
     Trap,
     Wait,
     Xqt,
+    walk,
 )
+from epson_driver.spel.words import SYNTAX
 
 _TERMINATORS = ('cr', 'lf', 'crlf')
 _PROTOCOLS = ('tcp', 'udp', 'udp_send', 'udp_recv')
@@ -55,6 +57,11 @@ _CONDITIONS = ('till', 'find', 'sense')
 _NUMBERED = ('c', 'limz', 'ljm', 'performmode')
 _PLAIN = ('rot', 'ecp', 'sync')
 _SWITCHES = ('on', 'off', 'memon', 'memoff')
+_PARALLEL = frozenset(
+    {'on', 'off', 'memon', 'memoff', 'out', 'outw', 'opbcd', 'memout', 'memoutw', 'signal'}
+    | {'waitsig', 'hand_on', 'hand_off'}
+)
+"""Statements of the manual's table for `!…!`, except Wait, Print and functions of a DLL."""
 _MODIFIERS = (*_CONDITIONS, *_NUMBERED, *_PLAIN, 'cp', '!')
 
 
@@ -62,7 +69,11 @@ class Statements:
     def __init__(self, functions: set[str], points: Container[str] = frozenset()) -> None:
         self._functions = functions
         self._points = points
-        self._marks: list[tuple[str, Position]] = []
+        self.marks: list[tuple[str, Position]] = []
+
+    def _mark(self, form: str, at: Position) -> None:
+        """Record a form of `lint_rules.UNPROVEN`."""
+        self.marks.append((form, at))
 
     def read_form(self, reader: Reader, first: Token, form: str) -> Command:
         """Parse the arguments of a statement according to a form of commands.py."""
@@ -95,6 +106,8 @@ class Statements:
                         reader.need(')')
                 elif not optional and not reader.at_end():
                     arguments.append(reader.expression())
+                    if 'on' in allowed:
+                        self._mark('`Motor 1`, `CP 1`, `QP 1`', first.position)
                 elif not optional:
                     raise reader.wrong(' or '.join(choice[1].split('|')))
                 continue
@@ -108,6 +121,8 @@ class Statements:
                 value = reader.argument().value
                 point = kind == 'p' and reader.sees(',')
                 arguments.append(coordinates(value, reader) if point else value)
+        if first.lower == 'plocal':
+            self._mark('`PLocal P1, 2`', first.position)
         return Command(first.text, tuple(arguments), first.position, tuple(words))
 
     # Structure
@@ -230,7 +245,7 @@ class Statements:
             raise SyntaxProblem(name.position, f'there is no function {name.text}', 'unknown')
         if reader.takes('('):
             reader.need(')')
-            self._marks.append(('`Trap 1, a Call f()`', name.position))
+            self._mark('`Trap 1, a Call f()`', name.position)
         return name.text
 
     # Terminal and network
@@ -354,7 +369,7 @@ class Statements:
         name = reader.expression()
         reader.need('as')
         if not reader.takes('#'):
-            self._marks.append(('`WOpen "a" As 30`', reader.here.position))
+            self._mark('`WOpen "a" As 30`', reader.here.position)
         return Command(first.text, (name, reader.expression()), first.position)
 
     def read_plist(self, reader: Reader, first: Token) -> Command:
@@ -419,9 +434,11 @@ class Statements:
         words: list[str] = []
         numbers: list[tuple[str, Expression]] = []
         parallel: tuple[Statement, ...] = ()
+        used = set()
         while not reader.at_end():
             token = reader.step()
             word = token.lower
+            used.add('c0' if self._is_arch(token) else word)
             if word == 'cp':
                 cp = True
             elif word in _CONDITIONS:
@@ -437,12 +454,15 @@ class Statements:
             elif word in _PLAIN:
                 words.append(word)
             elif word == '!':
-                parallel = self.parallel(reader)
+                parallel = self.parallel(reader, points)
             elif word == ',' and not reader.at_end():
                 self._mark_comma(first, token)
             else:
                 text = f'{first.text} does not take {token.text[:40]}'
                 raise SyntaxProblem(token.position, text)
+        known = re.findall(r'\w+|!', SYNTAX[first.lower].lower())
+        if not used <= {*known, ','} or len(used & {*_CONDITIONS}) > 1:
+            self._mark('a parameter of another motion (`Go P1 ROT`)', first.position)
         return Motion(
             first.text,
             tuple(points),
@@ -463,9 +483,11 @@ class Statements:
 
     def _mark_comma(self, motion: Token, comma: Token) -> None:
         if motion.lower not in ('jump3', 'jump3cp', 'jumptlz'):  # p476, p481
-            self._marks.append(('`Go P1, CP`', comma.position))
+            self._mark('`Go P1, CP`', comma.position)
 
-    def parallel(self, reader: Reader) -> tuple[Statement, ...]:
+    def parallel(self, reader: Reader, points: list[Expression]) -> tuple[Statement, ...]:
+        """Parse the statements between `!` and `!` after the points of a motion."""
+        here = any(getattr(item, 'name', '').lower() == 'here' for item in walk(points))
         read: list[Statement] = []
         part: list[Token] = []
         while True:
@@ -475,9 +497,14 @@ class Statements:
                     read += self._beside(part)
                 part = []
                 if token.text != ';':
-                    return tuple(read)
+                    break
             else:
                 part.append(token)
+        for item in read:
+            known = isinstance(item, Share | Wait | Print | Call)
+            if here or not (known or getattr(item, 'name', '').lower() in _PARALLEL):
+                self._mark('`Go P1 !Speed 5!`, `Go Here !On 1!`', item.at)
+        return tuple(read)
 
     def _beside(self, part: list[Token]) -> list[Statement]:
         """Parse a parallel statement.
