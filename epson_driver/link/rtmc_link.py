@@ -230,19 +230,19 @@ class RtmcLink(Link):
     async def _discover(self, session: RtmcSession) -> asyncio.Future[RtmcMessage] | None:
         """Request a session with a discovered controller. Return the pending reply, or None."""
         hello = RtmcMessage(Request.CONNECT, 1, 0, self._password.encode() or b'\0')
-        answer: asyncio.Future[RtmcMessage] = asyncio.get_running_loop().create_future()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(DISCOVERY_TIMEOUT_S):
-                while not session.request(hello, _setting(answer)):  # noqa: ASYNC110 - no event tells
+                while True:
+                    with contextlib.suppress(ConnectionError):
+                        return session.request(hello)
                     await asyncio.sleep(DISCOVERY_PERIOD_S)
-                return answer
         return None
 
     async def _serve_session(self, hello: asyncio.Future[RtmcMessage]) -> str:
         """Set up the session, then poll the state at rest. Return why the session ends."""
         try:
             async with asyncio.timeout(REPLY_TIMEOUT_S):
-                _checked(await hello)
+                await hello
             self._status = RtmcStatus.decode(await self.ask(Request.STATUS))
             self._establish()
             prepared = False
@@ -293,11 +293,9 @@ class RtmcLink(Link):
         """
         if self.session is None:
             raise ConnectionError(f'{self.name} link is {self.state.value}')
-        answer: asyncio.Future[RtmcMessage] = asyncio.get_running_loop().create_future()
-        if not self.session.request(RtmcMessage(number, low, 0, data), _setting(answer)):
-            raise ConnectionError('the controller has left')
+        answer = self.session.request(RtmcMessage(number, low, 0, data))
         async with asyncio.timeout(REPLY_TIMEOUT_S):
-            return _checked(await answer)
+            return await answer
 
     async def _close_session(self, *tasks: asyncio.Task[str] | asyncio.Task[None]) -> None:
         """Brake, and end the motion and the session in an orderly way if the link still works."""
@@ -433,17 +431,3 @@ class RtmcLink(Link):
             if active
         )
         self._publish(topic(state.simple_status(powered, in_motion=self._in_motion)))
-
-
-def _setting(answer: asyncio.Future[RtmcMessage]) -> Callable[[RtmcMessage], None]:
-    def on_reply(message: RtmcMessage) -> None:
-        if not answer.done():
-            answer.set_result(message)
-
-    return on_reply
-
-
-def _checked(message: RtmcMessage) -> RtmcMessage:
-    if not message.high:
-        raise RefusedError(message)
-    return message

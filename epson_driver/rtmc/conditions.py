@@ -7,8 +7,7 @@ checked in the order of its table, but the motion mode is checked last. An E-sto
 safeguard or an error ends the motion mode, and EPSON's demo expects this cause as the reason.
 """
 
-from dataclasses import dataclass
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 
 from epson_driver.rtmc.messages import OperationMode, Request, RtmcStatus
 
@@ -39,46 +38,31 @@ class Detail(IntEnum):
     DECELERATING = 2
 
 
-@dataclass(frozen=True, slots=True)
-class Conditions:
-    """Conditions under which the controller accepts a request.
+class Needs(IntFlag):
+    """Conditions under which the controller accepts a request."""
 
-    `mode`: required state of the motion mode (None: either).
-    """
-
-    auto: bool = True
-    checked: bool = False
-    mode: bool | None = False
-    safe: bool = False
-    """Whether the request requires a closed safeguard, no E-stop and no error."""
+    NONE = 0
+    AUTO = 1
+    CHECKED = 2  # the robot model is checked
+    SAFE = 4  # the safeguard is closed, and there is no E-stop and no error
+    MODE = 8  # the motion mode is enabled
+    NO_MODE = 16
 
 
-_ANY_MODE = Conditions(auto=False, mode=None)
-_CHECKED = Conditions(checked=True)
-_SAFE = Conditions(safe=True)
-_CHECKED_AND_SAFE = Conditions(checked=True, safe=True)
+_CHECKED = Needs.AUTO | Needs.CHECKED | Needs.NO_MODE
 
-CONDITIONS: dict[int, Conditions] = {
-    **dict.fromkeys(Request, Conditions()),
-    Request.STATUS: _ANY_MODE,
-    Request.FORMATS: _ANY_MODE,
-    Request.MESSAGES: _ANY_MODE,
-    Request.CONNECT: Conditions(auto=False),
-    Request.JOINTS: Conditions(auto=False),
-    Request.JOINTS_AT_REST: Conditions(auto=False),
-    Request.SET_MOTORS: _CHECKED_AND_SAFE,
-    Request.SET_POWER: _CHECKED,
-    Request.SET_WEIGHT: _CHECKED,
-    Request.SET_INERTIA: _CHECKED,
-    Request.SET_OUTPUTS: _SAFE,
-    Request.MODE: Conditions(mode=None),
-    Request.MOVE: Conditions(checked=True, mode=True, safe=True),
+CONDITIONS: dict[int, Needs] = {
+    **dict.fromkeys(Request, Needs.AUTO | Needs.NO_MODE),
+    **dict.fromkeys((Request.STATUS, Request.FORMATS, Request.MESSAGES), Needs.NONE),
+    **dict.fromkeys((Request.CONNECT, Request.JOINTS, Request.JOINTS_AT_REST), Needs.NO_MODE),
+    **dict.fromkeys((Request.SET_POWER, Request.SET_WEIGHT, Request.SET_INERTIA), _CHECKED),
+    Request.SET_MOTORS: _CHECKED | Needs.SAFE,
+    Request.SET_OUTPUTS: Needs.AUTO | Needs.SAFE | Needs.NO_MODE,
+    Request.SET_MODE: Needs.AUTO | Needs.CHECKED,  # and SAFE to enable it
+    Request.MODE: Needs.AUTO,
+    Request.MOVE: Needs.AUTO | Needs.CHECKED | Needs.SAFE | Needs.MODE,
 }
 del CONDITIONS[Request.STATUS_NOTICE], CONDITIONS[Request.JOINTS_NOTICE]
-
-ENABLE = Conditions(checked=True, mode=None, safe=True)
-DISABLE = Conditions(checked=True, mode=None)
-"""Conditions of SET_MODE with the low word 1 (ENABLE) and 0 (DISABLE)."""
 
 REMEDIES: dict[Refusal, str] = {
     Refusal.NOT_AUTO: 'the operation mode is not Auto: select Auto',
@@ -111,34 +95,27 @@ DETAILS: dict[tuple[int, int], str] = {
 """(request, detail) → text with the reason and the remedy of an EXECUTION error."""
 
 
-def required(request: int, low: int) -> Conditions | None:
+def required(request: int, low: int) -> Needs | None:
     """Return the conditions for accepting a request, or None if the request is unknown."""
-    if request == Request.SET_MODE:
-        return ENABLE if low else DISABLE
-    return CONDITIONS.get(request)
+    needs = CONDITIONS.get(request)
+    return Needs.SAFE | needs if needs and request == Request.SET_MODE and low else needs
 
 
-def refusal(
-    conditions: Conditions, status: RtmcStatus, *, checked: bool, mode: bool
-) -> Refusal | None:
+def refusal(needs: Needs, status: RtmcStatus, *, checked: bool, mode: bool) -> Refusal | None:
     """Return why a request is refused, or None.
 
     `checked`: whether the robot model is checked. `mode`: whether the motion mode is enabled.
     """
-    if conditions.auto and status.mode is not OperationMode.AUTO:
-        return Refusal.NOT_AUTO
-    if conditions.checked and not checked:
-        return Refusal.MODEL_NOT_CHECKED
-    if conditions.safe:
-        if status.safeguard_open:
-            return Refusal.SAFEGUARD
-        if status.estop:
-            return Refusal.ESTOP
-        if status.error:
-            return Refusal.ERROR
-    if conditions.mode is not None and conditions.mode is not mode:
-        return Refusal.MOTION_MODE
-    return None
+    unmet = (
+        (Needs.AUTO, status.mode is not OperationMode.AUTO, Refusal.NOT_AUTO),
+        (Needs.CHECKED, not checked, Refusal.MODEL_NOT_CHECKED),
+        (Needs.SAFE, status.safeguard_open, Refusal.SAFEGUARD),
+        (Needs.SAFE, status.estop, Refusal.ESTOP),
+        (Needs.SAFE, status.error, Refusal.ERROR),
+        (Needs.MODE, not mode, Refusal.MOTION_MODE),
+        (Needs.NO_MODE, mode, Refusal.MOTION_MODE),
+    )
+    return next((why for need, missing, why in unmet if missing and need & needs), None)
 
 
 def sentence(request: int, low: int) -> str:

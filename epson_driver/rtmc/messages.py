@@ -65,7 +65,7 @@ class Request(IntEnum):
     INERTIA = 1025
 
 
-STATUS_DATA = struct.Struct('<BBHHH3i3i')
+STATUS_DATA = struct.Struct('<BBHHH24x')  # without the details of the error and the warning
 JOINTS_DATA = struct.Struct(f'<{JOINTS}d')
 FORMATS_DATA = struct.Struct('<BB')
 TARGET_DATA = struct.Struct(f'<{JOINTS}dH')
@@ -167,31 +167,25 @@ class OperationMode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class RtmcStatus:
-    """The status record. `error` and `warning` are the numbers of an error and a warning, or 0.
-
-    `details` contains two numbers with additional information about the error and the number of
-    the joint, then the same for the warning.
-    """
+    """The status record. `error` and `warning` are the numbers of an error and a warning, or 0."""
 
     safeguard_open: bool
     estop: bool
     mode: OperationMode
     error: int = 0
     warning: int = 0
-    details: tuple[int, ...] = (0,) * 6
 
     def encode(self) -> bytes:
         flags = (self.safeguard_open, self.estop, self.mode)
-        return STATUS_DATA.pack(*flags, self.error, self.warning, *self.details)
+        return STATUS_DATA.pack(*flags, self.error, self.warning)
 
     @classmethod
     def decode(cls, message: RtmcMessage) -> 'RtmcStatus':
         """Return the status in a message. Raises RtmcError if it is not valid."""
-        safeguard, estop, mode, error, warning, *details = message.values(STATUS_DATA)
+        safeguard, estop, mode, error, warning = message.values(STATUS_DATA)
         if mode not in tuple(OperationMode):
             raise RtmcError(f'status: operation mode {mode}: must be 0, 1 or 2')
-        flags = (bool(safeguard), bool(estop), OperationMode(mode))
-        return cls(*flags, error, warning, tuple(details))
+        return cls(bool(safeguard), bool(estop), OperationMode(mode), error, warning)
 
     def simple_status(self, powered: bool | None, *, in_motion: bool) -> Status:
         """Return the status as a STATUS message of the simple message protocol.
@@ -212,10 +206,7 @@ class RtmcStatus:
         )
 
 
-def encode_texts(error: str, warning: str) -> bytes:
-    """Return the data of a reply to MESSAGES. An empty text has no bytes."""
-    result = b''
-    for text in (warning, error):
-        encoded = text.encode() + b'\0' if text else b''
-        result += NUMBER_DATA.pack(len(encoded)) + encoded
-    return result
+def encode_text(error: str) -> bytes:
+    """Return the data of a reply to MESSAGES, without a warning. An empty text has no bytes."""
+    encoded = error.encode() + b'\0' if error else b''
+    return NUMBER_DATA.pack(0) + NUMBER_DATA.pack(len(encoded)) + encoded

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The client's side of Real-time Motion Control: requests with their replies, and targets."""
 
+import asyncio
 from collections import deque
 from collections.abc import Callable
 
@@ -21,8 +22,6 @@ from epson_driver.rtmc.messages import (
 from epson_driver.rtmc.transport import Transport
 
 MM_PER_M = 1000.0
-
-OnReply = Callable[[RtmcMessage], None]
 
 
 class RefusedError(Exception):
@@ -46,7 +45,7 @@ class RtmcSession:
         self,
         transport: Transport,
         units: tuple[str, ...],
-        on_notice: OnReply,
+        on_notice: Callable[[RtmcMessage], None],
         on_moved: Callable[[tuple[float, ...], bool, float], None],
         on_refused: Callable[[str], None],
     ) -> None:
@@ -55,18 +54,20 @@ class RtmcSession:
         self._on_moved = on_moved
         self._on_refused = on_refused
         self._scales = np.where(np.array(units) == 'm', MM_PER_M, 1.0)
-        self._pending: deque[tuple[int, OnReply]] = deque()
+        self._pending: deque[tuple[int, asyncio.Future[RtmcMessage]]] = deque()
         self._moved = False
 
-    def request(self, message: RtmcMessage, on_reply: OnReply) -> bool:
-        """Send a request after the replies to all earlier requests.
+    def request(self, message: RtmcMessage) -> asyncio.Future[RtmcMessage]:
+        """Send a request after the replies to all earlier requests, and return its pending reply.
 
-        Returns False if no controller is connected. Raises TransportError.
+        Raises ConnectionError if no controller is connected, or TransportError. The reply raises
+        RefusedError.
         """
-        sent = self._transport.request(message.encode())
-        if sent:
-            self._pending.append((message.number, on_reply))
-        return sent
+        if not self._transport.request(message.encode()):
+            raise ConnectionError('the controller has left')
+        reply: asyncio.Future[RtmcMessage] = asyncio.get_running_loop().create_future()
+        self._pending.append((message.number, reply))
+        return reply
 
     def receive(self, data: bytes, time: float) -> None:
         """Process a message. Raises RtmcError if it is invalid or unexpected."""
@@ -86,8 +87,13 @@ class RtmcSession:
             raise RtmcError(f'message {number} is not the reply to the request')
         if message.high and (layout := REPLY_DATA.get(number)):
             message.values(layout)
-        _, on_reply = self._pending.popleft()
-        on_reply(message)
+        _, reply = self._pending.popleft()
+        if reply.cancelled():
+            return
+        if message.high:
+            reply.set_result(message)
+        else:
+            reply.set_exception(RefusedError(message))
 
     def positions(self, values: 'tuple[float, ...] | list[float]') -> tuple[float, ...]:
         """Convert the joint values of a message to the robot's joint positions, rad or m."""

@@ -10,8 +10,8 @@ from epson_driver.rtmc.conditions import (
     CONDITIONS,
     DETAILS,
     REMEDIES,
-    Conditions,
     Detail,
+    Needs,
     Refusal,
     refusal,
     required,
@@ -21,7 +21,7 @@ from epson_driver.rtmc.messages import OperationMode, Request, RtmcStatus
 
 GOOD = RtmcStatus(False, False, OperationMode.AUTO)
 NOTICES = {Request.STATUS_NOTICE, Request.JOINTS_NOTICE}
-EVERYTHING = Conditions(checked=True, mode=True, safe=True)
+EVERYTHING = Needs.AUTO | Needs.CHECKED | Needs.SAFE | Needs.MODE
 
 
 def test_every_request_has_conditions():

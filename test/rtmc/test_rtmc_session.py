@@ -30,7 +30,7 @@ class Sent:
         self.notices = []
         self.joints = []
         self.problems = []
-        self.replies = []
+        self._pending = []
         self.connected = True
         self.transport = VirtualTransport(self._write)
         self.transport.listen(lambda arrival: self.session.receive(arrival.data, 0.0), None)
@@ -47,7 +47,11 @@ class Sent:
         return self.connected
 
     def request(self, number, low=0):
-        return self.session.request(RtmcMessage(number, low), self.replies.append)
+        self._pending.append(self.session.request(RtmcMessage(number, low)))
+
+    @property
+    def replies(self):
+        return [reply.result() for reply in self._pending if reply.done()]
 
     def answer(self, number, low=0, high=1, data=b'\0'):
         self.transport.receive(RtmcMessage(number, low, high, data).encode())
@@ -75,7 +79,7 @@ def started():
     return sent
 
 
-def test_one_request_at_a_time_in_order():
+async def test_one_request_at_a_time_in_order():
     sent = Sent()
     sent.request(Request.RESET)
     sent.request(Request.SET_MOTORS, 1)
@@ -86,7 +90,7 @@ def test_one_request_at_a_time_in_order():
     assert [reply.number for reply in sent.replies] == sent.numbers
 
 
-def test_notice_is_no_reply():
+async def test_notice_is_no_reply():
     sent = Sent()
     sent.request(Request.RESET)
     status = RtmcStatus(safeguard_open=False, estop=True, mode=Mode.AUTO)
@@ -99,7 +103,7 @@ def test_notice_is_no_reply():
     ('number', 'data'),
     [(Request.SET_MOTORS, b'\0'), (Request.JOINTS, b'\0'), (Request.MOVE, b'\0')],
 )
-def test_other_reply_or_size_is_an_error(number, data):
+async def test_other_reply_or_size_is_an_error(number, data):
     sent = Sent()
     sent.request(Request.JOINTS)
     with pytest.raises(RtmcError):
@@ -148,18 +152,19 @@ def test_inv3_only_targets_that_are_not_taken_are_replaced():
     assert not replace(5, np.full((2, 4), 6.0), 2)
 
 
-def test_request_without_a_controller_is_not_sent_later():
+async def test_request_without_a_controller_is_not_sent_later():
     sent = Sent()
     sent.connected = False
-    assert not sent.request(Request.CONNECT, 1)
+    with pytest.raises(ConnectionError, match='has left'):
+        sent.request(Request.CONNECT, 1)
     sent.connected = True
-    assert sent.request(Request.STATUS)
+    sent.request(Request.STATUS)
     assert sent.numbers == [Request.CONNECT, Request.STATUS]
     with pytest.raises(RtmcError):
         sent.answer(Request.CONNECT)
 
 
-def test_waiting_request_precedes_the_next_target():
+async def test_waiting_request_precedes_the_next_target():
     sent = started()
     sent.request(Request.SET_MODE, 0)
     sent.moved(*ZEROS)

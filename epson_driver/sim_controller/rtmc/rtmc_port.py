@@ -23,7 +23,7 @@ from epson_driver.rtmc.messages import (
     RtmcMessage,
     RtmcStatus,
     decode,
-    encode_texts,
+    encode_text,
 )
 from epson_driver.sim_controller.arm.low_power import low_power_caps
 from epson_driver.sim_controller.arm.target_motion import TargetMotion
@@ -295,7 +295,7 @@ class RtmcPort:
             return 0, self._model.encode() + b'\0'
         if number == Request.MESSAGES:
             text = controller.error_text(request.low)[:MAX_TEXT_CHARACTERS] if request.low else ''
-            return 0, encode_texts(text, '')
+            return 0, encode_text(text)
         if number in (Request.OUTPUTS, Request.INPUTS):
             outputs = number == Request.OUTPUTS
             kind = IoType.DIGITAL_OUTPUT if outputs else IoType.DIGITAL_INPUT
