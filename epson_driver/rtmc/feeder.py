@@ -8,6 +8,7 @@ thread therefore brakes the arm if the ring is not filled again, for example bec
 hangs. A stop replaces the targets that are not taken yet. All targets are within the limits.
 """
 
+import math
 from collections import deque
 from typing import Protocol
 
@@ -84,9 +85,7 @@ class Feeder:
             return
         while len(self._motions) > max(ahead, 0) + 1:
             self._motions.popleft()
-        motions: list[Motion] = []
-        while smoother.moving and (ahead + len(motions)) * cycle < AHEAD_S:
-            motions.append(smoother.step(cycle))
+        motions = smoother.steps(cycle, math.ceil(AHEAD_S / cycle) - ahead)
         if self._replace(self._planned, [motion.position for motion in motions], motions[-1]):
             self._motions.extend(motions)
         else:

@@ -143,6 +143,8 @@ def test_motion_within_the_jerk_limit_passes_the_guard(dt: float) -> None:
     guard_limits = dataclasses.replace(
         wide, velocity=ARM.velocity * 1e3, acceleration=ARM.acceleration * 1e3
     )
+    together = Motion(*map(np.array, zip(*motions[1:], strict=True)))
+    assert OutputGuard(motions[0]).allows(together, dt, guard_limits)
     for motion in motions[1:]:
         assert guard.violation(motion, dt, guard_limits) is None
 
@@ -166,7 +168,10 @@ def test_violation_is_named_by_its_quantity(
 ) -> None:
     still = Motion(np.zeros(6), np.zeros(6), np.zeros(6))
     guard = OutputGuard(still)
-    violation = guard.violation(Motion(*change(*still)), DT, ARM)
+    wrong = Motion(*change(*still))
+    for order in ((wrong, still), (still, wrong)):
+        assert not guard.allows(Motion(*map(np.array, zip(*order, strict=True))), DT, ARM)
+    violation = guard.violation(wrong, DT, ARM)
     assert violation is not None
     assert violation.quantity.startswith(quantity)
     assert guard.last is still

@@ -111,6 +111,21 @@ def test_interrupted_stream_ends_at_rest_at_the_last_point(known: int) -> None:
     assert np.array_equal(position[-1], points[known % 12])
 
 
+def test_steps_together_are_the_separate_steps_until_rest() -> None:
+    separate, together = Smoother(LIMITS, HOME), Smoother(LIMITS, HOME)
+    for smoother in (separate, together):
+        for trajectory in (arc(40), arc(40)[::-1]):
+            for point in trajectory:
+                smoother.append(point, 0.03)
+            smoother.finish()
+    motions = [together.motion]
+    while together.moving:
+        motions += together.steps(DT, 30)
+    for expected, values in zip(rest(separate), zip(*motions, strict=True), strict=True):
+        np.testing.assert_allclose(values, expected, atol=1e-9)
+    assert not together.violations
+
+
 def test_stop_comes_to_rest_on_the_path() -> None:
     smoother = Smoother(LIMITS, HOME)
     for point in arc(40):

@@ -74,12 +74,31 @@ class OutputGuard:
 
     def violation(self, motion: Motion, dt: float, limits: JointLimits) -> Violation | None:
         """Return the first exceeded limit. If there is none, store `motion`, and return None."""
+        values, bounds = self._values(Motion(*(part[None] for part in motion)), dt, limits)
+        if not (values <= bounds).all():  # NaN too
+            return _violation(values[:, 0], bounds[:, 0], limits)
+        self.last = motion
+        return None
+
+    def allows(self, motions: Motion, dt: float, limits: JointLimits) -> bool:
+        """Return whether outputs, shapes (m, n), exceed no limit, and store the last of them."""
+        values, bounds = self._values(motions, dt, limits)
+        allowed = bool((values <= bounds).all())
+        if allowed:
+            self.last = Motion(*(part[-1] for part in motions))
+        return allowed
+
+    def _values(self, motions: Motion, dt: float, limits: JointLimits) -> tuple[Array, Array]:
+        """Return the values of all _QUANTITIES, and their bounds, shapes (7, m, n)."""
         if self._bounds_of is None or self._bounds_of[0] is not limits or self._bounds_of[1] != dt:
             self._bounds, self._rounding = _bounds(limits, dt), _rounding(limits, dt)
             self._bounds_of = limits, dt
-        q, v, a = motion
-        q0, v0, a0 = self.last
-        values = np.empty_like(self._bounds)
+        q, v, a = motions
+        q0, v0, a0 = (
+            np.concatenate((old[None], new[:-1]))
+            for old, new in zip(self.last, motions, strict=True)
+        )
+        values = np.empty((len(_QUANTITIES), *q.shape))
         np.subtract(q, limits.position_max, out=values[_ABOVE])
         np.subtract(limits.position_min, q, out=values[_BELOW])
         values[2], values[3] = v, a
@@ -87,16 +106,13 @@ class OutputGuard:
         values[_SLIP_OF_VELOCITY] = v - v0 - (dt / 2.0) * (a0 + a)
         values[_SLIP_OF_POSITION] = q - q0 - dt * (v0 + (dt / 6.0) * (a0 + a0 + a))
         np.abs(values[2:], out=values[2:])
-        bounds = self._bounds.copy()
+        bounds = self._bounds[:, None].repeat(len(q), axis=1)
         if dt > 0.0:
             x = np.minimum(np.abs(change) / bounds[_CHANGE], 1.0)
             bounds[_SLIP_OF_VELOCITY] *= 1.0 - x * x
             bounds[_SLIP_OF_POSITION] *= (1.0 - x * x) * (1.0 + x / 3.0)
-        bounds += self._rounding
-        if not (values <= bounds).all():  # NaN too
-            return _violation(values, bounds, limits)
-        self.last = motion
-        return None
+        bounds += self._rounding[:, None]
+        return values, bounds
 
 
 def _bounds(limits: JointLimits, dt: float) -> Array:

@@ -6,6 +6,8 @@ import logging
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from epson_driver.motion.joint_motion import fastest_move
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.execution import Execution, Observer
@@ -149,6 +151,26 @@ class Smoother:
             self._replanning.plan_now()
         execution.pass_time(end)
         return self._guarded(dt)
+
+    def steps(self, dt: float, count: int) -> list[Motion]:
+        """Advance time as up to `count` steps of `dt` > 0 s do, until the arm no longer moves.
+
+        Steps along one plan are evaluated together, so the next plan may start later than with
+        separate steps.
+        """
+        motions: list[Motion] = []
+        execution = self._execution
+        while len(motions) < count and self.moving:
+            motions.append(self.step(dt))
+            times = execution.now + dt * np.arange(1.0, count - len(motions) + 1.0)
+            times = times[times < execution.next_change()]
+            if execution.plan is None or execution.paused or not len(times):
+                continue
+            batch = execution.along(execution.plan, times)
+            if self._guard.allows(batch, dt, self.limits):  # otherwise the next step brakes
+                execution.pass_time(float(times[-1]))
+                motions += map(Motion, *batch)
+        return motions
 
     def _guarded(self, dt: float) -> Motion:
         """Return the current motion. If it exceeds a limit, brake from the previous output.
