@@ -13,10 +13,9 @@ import select
 import socket
 import sys
 import weakref
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from functools import cache
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple
 
 from epson_driver.motion import Array
@@ -86,6 +85,7 @@ def library() -> ctypes.CDLL:
         ('end', None, handle),
         ('taken', index, handle),
         ('take', ctypes.c_int, handle, text, number, values, values),
+        ('quiet', None, handle, ctypes.c_int),
         ('close', None, handle),
     ):
         try:
@@ -202,6 +202,11 @@ class Transport:
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(self._call('event'), arrived)
 
+    def poll(self, *, quiet: bool) -> Iterator[Arrival]:
+        """Yield all messages that have arrived. If `quiet`, later ones wait for the next poll."""
+        self._call('quiet', int(quiet))
+        return iter(self.take, None)
+
     def take(self, timeout: float = 0.0) -> Arrival | None:
         """Return the next message, or the loss of a peer. Return None after `timeout` s.
 
@@ -235,17 +240,6 @@ class Transport:
         """Close the transport like `close`, but without blocking the event loop."""
         if (handle := self._released()) is not None:
             await asyncio.shield(asyncio.to_thread(self._library.epson_rtmc_close, handle))
-
-    def __enter__(self) -> 'Transport':
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 Connect = Callable[[str, int], Awaitable[Transport]]

@@ -29,7 +29,7 @@ from epson_driver.simple_message import (
 )
 from epson_driver.spel import SpelError
 
-Send = Callable[[bytes], None]
+Send = Callable[[bytes], object]
 
 
 class Session(Protocol):

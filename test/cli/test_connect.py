@@ -108,7 +108,7 @@ def test_file_of_connect_is_accepted_by_doctor_pendant_and_python(tmp_path, prof
 def test_real_time_motion_is_found_without_a_message_to_the_controller(tmp_path):
     port, silent = vacant_port(), f'--state-port={vacant_port()}'
     words = ('connect', '127.0.0.1', '--remote-port=0', silent, f'--motion-port={port}')
-    with Transport('127.0.0.1', port) as rc800:
+    with contextlib.closing(Transport('127.0.0.1', port)) as rc800:
         made = command(*words, '--robot=c8_c901s', cwd=tmp_path)
         assert made.returncode == 0, made.stdout + made.stderr
         assert 'whether the option is enabled is unknown' in made.stdout

@@ -188,7 +188,7 @@ async def test_inv2_thread_that_is_slow_during_the_measurement_sends_nothing_fas
             moved = delays and decode(data).number == Request.MOVE
             cell._loop.call_later(delays.pop(0) if moved else 0.0, cell.arrive, data)
 
-        cell.port._send = late
+        cell.reply = late
         outcome = await goal(harness, FAR).end()
         assert outcome.end is End.SUCCEEDED, outcome
         assert not delays
@@ -250,11 +250,11 @@ async def test_inv9_controller_that_answers_no_target_is_connected_again(monkeyp
     async with rtmc_cell(monkeypatch) as (harness, cell):
         submitted = goal(harness, FAR)
         await harness.until_moving()
-        send = cell.port._send
-        cell.port._send = lambda data: decode(data).number == Request.MOVE or send(data)
+        send = cell.reply
+        cell.reply = lambda data: decode(data).number == Request.MOVE or send(data)
         assert (await submitted.end()).end is End.ABORTED
         await until(lambda: any('no reply for 5 s' in why for _, why in harness.events.links))
-        cell.port._send = send
+        cell.reply = send
         await harness.ready()
         await harness.commands.recover()
         assert (await goal(harness, pose(0.1)).end()).end is End.SUCCEEDED

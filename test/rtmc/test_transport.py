@@ -3,17 +3,20 @@
 """The transport of Real-time Motion Control over loopback, and its absence."""
 
 import os
+import select
 import signal
 import socket
 import subprocess
 import sys
 import time
+from contextlib import closing
 
+import numpy as np
 import pytest
 from support.ros_peer import PATIENCE
 
 from epson_driver.rtmc import transport
-from epson_driver.rtmc.messages import MAX_MESSAGE_BYTES, Request, RtmcMessage
+from epson_driver.rtmc.messages import MAX_MESSAGE_BYTES, MOVED_DATA, Request, RtmcMessage
 from epson_driver.rtmc.transport import Transport, TransportError
 
 HOST = '127.0.0.1'
@@ -51,10 +54,50 @@ def write(side, data):
         time.sleep(0.01)
 
 
+def wakes(side, within=0.0):
+    """Return whether the event of a side becomes readable."""
+    return bool(select.select([side._call('event')], [], [], within)[0])
+
+
+def test_replies_to_targets_wake_the_client_in_groups(port):
+    reply = RtmcMessage(Request.MOVE, 0, 1, MOVED_DATA.pack(0, *[0.0] * 6, 0)).encode()
+    with (
+        closing(Transport(HOST, port)) as controller,
+        closing(Transport(HOST, peer=(HOST, port))) as client,
+    ):
+        write(client, RtmcMessage(Request.STATUS).encode())
+        arrival(controller)
+        client.start(np.zeros(6))
+        for _ in range(4):
+            arrival(controller)
+            write(controller, reply)
+        arrival(controller)
+        assert not wakes(client)
+        write(controller, reply)
+        assert wakes(client, PATIENCE)
+
+
+def test_messages_for_a_quiet_side_wait_for_its_next_poll(port):
+    data = RtmcMessage(Request.STATUS).encode()
+    with closing(Transport(HOST, port)) as side:
+
+        def wakes_for_a_message():
+            side._call('receive', data, len(data), 0.0, 1)
+            return wakes(side)
+
+        assert not list(side.poll(quiet=True))
+        assert not wakes_for_a_message()
+        assert [arrival.data for arrival in side.poll(quiet=True)] == [data]
+        assert not wakes_for_a_message()
+        waiting = side.poll(quiet=False)
+        assert wakes_for_a_message()
+        assert len(list(waiting)) == 2
+
+
 def test_request_and_reply_and_a_peer_that_leaves(port):
-    with Transport(HOST, port) as controller:
+    with closing(Transport(HOST, port)) as controller:
         assert not controller.write(b'')
-        with Transport(HOST, peer=(HOST, port)) as client:
+        with closing(Transport(HOST, peer=(HOST, port))) as client:
             request = RtmcMessage(Request.CONNECT, 1, data=b'secret').encode()
             write(client, request)
             sender, data, _ = arrival(controller)
@@ -74,7 +117,7 @@ def test_request_and_reply_and_a_peer_that_leaves(port):
 
 @pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGSTOP])
 def test_silent_peer_is_lost(port, how):
-    with Transport(HOST, port) as controller:
+    with closing(Transport(HOST, port)) as controller:
         command = [sys.executable, '-c', CLIENT, str(port)]
         with subprocess.Popen(command, stdin=subprocess.PIPE) as client:
             try:
@@ -88,7 +131,7 @@ def test_silent_peer_is_lost(port, how):
 
 @pytest.mark.invariant(9)
 def test_inv9_process_that_ends_with_an_open_transport_keeps_its_exit_code(port):
-    with Transport(HOST, port) as controller:
+    with closing(Transport(HOST, port)) as controller:
         script = CLIENT.replace('sys.stdin.read()', f'client.take({PATIENCE}); sys.exit(3)')
         with subprocess.Popen([sys.executable, '-c', script, str(port)]) as client:
             sender, data, _ = arrival(controller)
@@ -99,9 +142,9 @@ def test_inv9_process_that_ends_with_an_open_transport_keeps_its_exit_code(port)
 
 def test_two_clients_are_told_apart(port):
     with (
-        Transport(HOST, port) as controller,
-        Transport(HOST, peer=(HOST, port)) as one,
-        Transport(HOST, peer=(HOST, port)) as other,
+        closing(Transport(HOST, port)) as controller,
+        closing(Transport(HOST, peer=(HOST, port))) as one,
+        closing(Transport(HOST, peer=(HOST, port))) as other,
     ):
         write(one, RtmcMessage(Request.STATUS, 1).encode())
         first = arrival(controller)
@@ -116,7 +159,7 @@ def test_address_of_another_machine_is_an_error():
 
 
 def test_used_port_is_an_error(port):
-    with Transport(HOST, port), pytest.raises(TransportError, match='in use'):
+    with closing(Transport(HOST, port)), pytest.raises(TransportError, match='in use'):
         Transport(HOST, port)
 
 

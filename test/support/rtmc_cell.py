@@ -43,7 +43,7 @@ class RtmcCell:
 
     def __init__(self, model=MODEL, speed=1):
         self.controller = new_controller(model, PROFILE)
-        self.port = RtmcPort(self.controller, self._reply)
+        self.port = RtmcPort(self.controller, lambda data: self.reply(data))
         self.speed = speed
         self.numbers = []
         self.targets = []
@@ -65,7 +65,7 @@ class RtmcCell:
             self._loop.call_soon(self.port.receive, CLIENT, data)
         return 1
 
-    def _reply(self, data):
+    def reply(self, data):
         if self.delivers:
             self._loop.call_soon(self.arrive, data)
 

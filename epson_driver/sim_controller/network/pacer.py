@@ -14,9 +14,9 @@ from epson_driver.sim_controller.core import CYCLE_PERIOD_S, Controller
 class Pacer:
     """Steps the controller by the elapsed real time.
 
-    The controller is stepped in every motion cycle while the arm moves, when a timer is due, and
-    before any other code uses it, which must happen within `present`. Motion cycles that are late
-    by a whole period are counted in the controller's `timing`.
+    The controller is stepped when a timer is due, before any other code uses it, which must happen
+    within `present`, and a motion cycle after the last step while the arm moves. Steps that are
+    late by a whole cycle are counted in the controller's `timing`.
     """
 
     def __init__(self, controller: Controller, clock: Callable[[], float] | None = None) -> None:
@@ -74,19 +74,11 @@ class Pacer:
         except Exception as error:  # noqa: BLE001 - raised by `run`
             self.fail(error)
             return
-        if self._now >= self._cycle:
-            self._cycle += CYCLE_PERIOD_S
-            if self._now >= self._cycle:
-                self._controller.timing.deadline_misses += 1
-                self._cycle = self._now + CYCLE_PERIOD_S
         self._sleep(self._due())
 
     def _due(self) -> float:
         controller = self._controller
-        if not controller.in_motion:
-            self._cycle = math.inf
-        elif self._cycle == math.inf:
-            self._cycle = self._now + CYCLE_PERIOD_S
+        self._cycle = self._now + CYCLE_PERIOD_S if controller.in_motion else math.inf
         due = controller.clock.next_due
         if due is None:
             return self._cycle
@@ -103,6 +95,7 @@ class Pacer:
 
     def _catch_up(self) -> None:
         now = self._clock()
+        self._controller.timing.deadline_misses += now >= self._cycle + CYCLE_PERIOD_S
         elapsed = now - self._now
         self._now = now
         self._controller.step(elapsed)

@@ -62,11 +62,15 @@ class RtmcServer:
         self._transport = Transport(address, port)
         _log.info('real-time motion: UDP port %d of %s', port, address)
         with pacer.present() as controller:
-            self._port = RtmcPort(controller, self._transport.write)
+            self._port = RtmcPort(controller, self._transport.write, self._poll)
         self._transport.listen(self._receive, pacer.fail)
 
     def _receive(self, arrival: Arrival) -> None:
         with self._pacer.present():
+            self._port.receive(arrival.sender, arrival.data)
+
+    def _poll(self, quiet: bool) -> None:
+        for arrival in self._transport.poll(quiet=quiet):
             self._port.receive(arrival.sender, arrival.data)
 
     async def close(self) -> None:

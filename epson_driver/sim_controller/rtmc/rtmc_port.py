@@ -73,11 +73,21 @@ class RefusedError(Exception):
 
 
 class RtmcPort:
-    """Real-time Motion Control of one controller. `send` sends a message to the client."""
+    """Real-time Motion Control of one controller. `send` sends a message to the client.
 
-    def __init__(self, controller: Controller, send: Callable[[bytes], object]) -> None:
+    `poll(quiet)` passes the messages that have arrived to `receive`. If `quiet`, later messages
+    may wait for its next call.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        send: Callable[[bytes], object],
+        poll: Callable[[bool], object] = lambda _quiet: None,
+    ) -> None:
         self._controller = controller
         self._send = send
+        self._poll = poll
         profile = controller.profile.rtmc
         model = controller.model
         self._password = profile.password.encode()
@@ -148,11 +158,8 @@ class RtmcPort:
         self.react()
 
     def _transmit(self, message: RtmcMessage) -> None:
-        send = self._write if self._transport is None else self._transport.send
+        send = self._send if self._transport is None else self._transport.send
         send(message.encode())
-
-    def _write(self, data: bytes) -> None:
-        self._send(data)
 
     def _lose_client(self) -> None:
         _log.warning('real-time motion: the client is lost')
@@ -198,7 +205,7 @@ class RtmcPort:
             REAL_TIME_PORT,
             self._controller.clock,
             self._controller.faults,
-            self._write,
+            self._send,
             self._lose_client,
             lambda data: decode(data).number not in NOTICES,
         )
@@ -345,7 +352,9 @@ class RtmcPort:
         It also waits if the buffer runs empty soon after a delay, because a client on a busy
         machine is late, too.
         """
-        clock, waiting = self._controller.clock, len(self.motion.targets)
+        clock = self._controller.clock
+        self._poll(len(self.motion.targets) >= self._buffer_size)
+        waiting = len(self.motion.targets)
         late = clock.until - clock.now >= self._cycle_period
         if late:
             self._busy_until = clock.now + BUSY_S
@@ -372,6 +381,7 @@ class RtmcPort:
             self._cycles.cancel()
             self._cycles = None
         self.motion.stop()
+        self._poll(False)
 
     # State.
 

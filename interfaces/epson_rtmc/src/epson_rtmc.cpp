@@ -75,7 +75,7 @@ static constexpr uint16_t JOINTS_NOTICE = 1, MOVE = 1014;  // message IDs; small
 static constexpr int LOST = -1, FAILED = -2;
 static constexpr size_t MAX_ARRIVALS = 16384;
 static constexpr size_t MAX_MOVED = 1024;  // arrivals with which replies to targets are kept: Python is late then
-static constexpr int BATCH = 4;                // replies to targets for which Python is woken once
+static constexpr int BATCH = 5;        // replies to targets for which Python is woken once
 static constexpr size_t HEADER = 16;  // encapsulation, ID, padding, two words, length of the data
 static constexpr uint32_t TARGET_SIZE = 6 * 8 + 2;
 
@@ -102,6 +102,7 @@ struct Peer : DataReaderListener, DataWriterListener {
   std::deque<Arrival> arrivals;
   int event = -1;
   bool signalled = false;
+  bool quiet = false;  // whether Python polls the arrivals
   int unsignalled = 0;
   std::atomic<bool> broken{false};      // whether no more targets are sent
   std::atomic<bool> late{false};        // whether replies to targets were discarded: the motion is to brake
@@ -136,7 +137,11 @@ struct Peer : DataReaderListener, DataWriterListener {
       return;
     }
     arrivals.push_back(std::move(arrival));
-    if (signalled || event < 0 || (!urgent && ++unsignalled < BATCH)) return;
+    if (urgent || ++unsignalled >= BATCH) wake();
+  }
+
+  void wake() {  // with the mutex of the arrivals
+    if (signalled || quiet || event < 0) return;
     signalled = true;
     unsignalled = 0;
     eventfd_write(event, 1);
@@ -191,10 +196,9 @@ struct Peer : DataReaderListener, DataWriterListener {
     if (answered) pending = 0;
     if (answered && id == MOVE && !word(data, 10)) moving = false;  // refused
     const bool moved = answered && id == MOVE && moving;
-    const bool full = moved && data.size() > HEADER && data[HEADER];  // the controller's buffer
     const bool first = answered && !tracing;  // in a trace, the reply precedes the next target
     int sent = first ? send_next() : 1;
-    report(std::move(arrival), !full, moved ? MAX_MOVED : MAX_ARRIVALS);
+    report(std::move(arrival), !moved, moved ? MAX_MOVED : MAX_ARRIVALS);
     if (answered && !first) sent = send_next();
     if (sent < 0) report({now(), 0, FAILED, {}});
   }
@@ -269,7 +273,7 @@ void* epson_rtmc_open(const char* address, uint32_t port, uint32_t data_port, co
     DataWriterQos writer_qos = DATAWRITER_QOS_DEFAULT;
     writer_qos.reliability().kind = RELIABLE_RELIABILITY_QOS;
     writer_qos.reliable_writer_qos().disable_positive_acks.enabled = true;
-    writer_qos.reliable_writer_qos().times.heartbeatPeriod = {0, 1000000};
+    writer_qos.reliable_writer_qos().times.heartbeatPeriod = {0, 5000000};
     writer_qos.reliable_writer_qos().times.nackResponseDelay = {0, 1000000};
     writer_qos.data_sharing().off();
     DataReaderQos reader_qos = DATAREADER_QOS_DEFAULT;
@@ -381,9 +385,17 @@ int epson_rtmc_take(void* handle, uint8_t* data, uint32_t size, uint64_t* sender
     return arrival.size;
   }
   eventfd_t events;
-  if (peer->event >= 0) eventfd_read(peer->event, &events);
+  if (peer->signalled) eventfd_read(peer->event, &events);
   peer->signalled = false;
   return 0;
+}
+
+// Messages that arrive from now on do not make the event readable (1), or do again (0).
+void epson_rtmc_quiet(void* handle, int on) {
+  auto* peer = static_cast<Peer*>(handle);
+  std::lock_guard<std::mutex> lock(peer->arrivals_mutex);
+  peer->quiet = on;
+  if (!peer->arrivals.empty()) peer->wake();
 }
 
 }  // extern "C"

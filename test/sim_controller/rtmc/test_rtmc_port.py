@@ -48,7 +48,10 @@ class Cell:
     def __init__(self, model=MODEL, profile=PROFILE):
         self.sent = []
         self.controller = new_controller(model, profile)
-        self.port = RtmcPort(self.controller, lambda data: self.sent.append(decode(data)))
+        self.polls = []
+        self.port = RtmcPort(
+            self.controller, lambda data: self.sent.append(decode(data)), self.polls.append
+        )
 
     def send(self, number, low=0, data=b'\0', sender=CLIENT):
         """Return the reply, or None if there is none yet."""
@@ -144,6 +147,22 @@ def test_full_buffer_paces_the_client(size):
     assert cell.replied().values(MOVED_DATA)[0] == 1
     cell.stream([0.0] * 100)
     assert cell.controller.clock.now - start == pytest.approx(101 * CYCLE, abs=1e-6)
+
+
+@pytest.mark.invariant(9)
+def test_messages_wait_only_while_the_buffer_is_full():
+    cell = Cell().enable(2)
+    cell.stream([0.0] * 2)
+    cell.target()
+    cell.polls.clear()
+    for _ in range(3):  # the waiting target fills the buffer in the first cycle
+        cell.controller.step(CYCLE)
+    assert cell.polls == [True, True, False]
+    cell.stream([0.0] * 3)
+    cell.controller.step(CYCLE)
+    assert cell.polls[-1]
+    cell.controller.press_estop()
+    assert not cell.polls[-1]
 
 
 def test_late_simulation_makes_up_for_missed_cycles_and_loses_no_time():

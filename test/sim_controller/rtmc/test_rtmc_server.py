@@ -5,7 +5,7 @@
 import asyncio
 import socket
 import time
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager, closing, suppress
 from dataclasses import replace
 
 import pytest
@@ -66,7 +66,7 @@ def received(client, number, within=PATIENCE):
 
 
 def session(port):
-    with Transport(HOST, peer=(HOST, port)) as client:
+    with closing(Transport(HOST, peer=(HOST, port))) as client:
         end = time.monotonic() + PATIENCE
         reply = None
         while reply is None:  # not answered until the previous client is lost
@@ -95,7 +95,7 @@ def test_exception_in_real_time_motion_ends_the_servers(port, monkeypatch):
 
     async def main():
         async with served(port) as running:
-            with Transport(HOST, peer=(HOST, port)) as client:
+            with closing(Transport(HOST, peer=(HOST, port))) as client:
                 await asyncio.to_thread(send, client, Request.CONNECT, 1)
                 with pytest.raises(ZeroDivisionError):
                     await asyncio.wait_for(running, PATIENCE)
@@ -105,7 +105,7 @@ def test_exception_in_real_time_motion_ends_the_servers(port, monkeypatch):
 
 def test_occupied_port_is_an_error_at_the_start(port):
     async def main():
-        with Transport(HOST, port), pytest.raises(TransportError, match='in use'):
+        with closing(Transport(HOST, port)), pytest.raises(TransportError, match='in use'):
             async with served(port):
                 pass
 
