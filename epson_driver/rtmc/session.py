@@ -5,6 +5,7 @@
 import asyncio
 from collections import deque
 from collections.abc import Callable
+from operator import truediv
 
 import numpy as np
 
@@ -53,7 +54,7 @@ class RtmcSession:
         self._on_notice = on_notice
         self._on_moved = on_moved
         self._on_refused = on_refused
-        self._scales = np.where(np.array(units) == 'm', MM_PER_M, 1.0)
+        self._scales = [MM_PER_M if unit == 'm' else 1.0 for unit in units]
         self._pending: deque[tuple[int, asyncio.Future[RtmcMessage]]] = deque()
         self._moved = False
 
@@ -97,8 +98,7 @@ class RtmcSession:
 
     def positions(self, values: 'tuple[float, ...] | list[float]') -> tuple[float, ...]:
         """Convert the joint values of a message to the robot's joint positions, rad or m."""
-        positions = np.array(values[: len(self._scales)]) / self._scales
-        return tuple(positions.tolist())
+        return tuple(map(truediv, values, self._scales))
 
     # Targets.
 
