@@ -35,7 +35,6 @@ from epson_driver.cli.spel_options import (
     program_of,
     settings_of,
 )
-from epson_driver.first_run.record import load, replica_settings
 from epson_driver.inputs import InputError, count, number, shown
 from epson_driver.log_lines import StderrLog
 from epson_driver.motion import Array, JointLimits
@@ -83,6 +82,8 @@ def main() -> int:
     try:
         settings = settings_of(args, folder)
         if args.profile_from is not None:
+            from epson_driver.first_run.record import load, replica_settings  # loads the doctor
+
             first_run = replica_settings(load(args.profile_from))
             args.robot, args.motion = first_run.robot, args.motion or first_run.motion
             args.fault = [*first_run.faults, *args.fault]
