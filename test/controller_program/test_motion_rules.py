@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from support.controller_harness import FAILURE, STOP, SUCCESS, frame, point, point_body
+from support.examples import one_in
 from support.motion_server import LIMITS, PROFILES, motion_server
 
 NAN, INF = math.nan, math.inf
@@ -226,7 +227,9 @@ def test_inv1_refused_point_moves_nothing_and_the_next_works(server, name, caplo
 
 
 @pytest.mark.parametrize(
-    ('server', 'name'), [case for case in REFUSED if case[0] != 'smooth'], indirect=['server']
+    ('server', 'name'),
+    one_in(4, (case for case in REFUSED if case[0] != 'smooth'), several=True),
+    indirect=['server'],
 )
 def test_refused_point_in_motion_ends_the_motion(server, name):
     taken = start(server)
@@ -256,7 +259,7 @@ def test_wrong_sequence_is_refused_and_the_next_trajectory_works(server):
 
 @kinds(lambda profile: CHECKS['limits'](profile.program), but='smooth')
 @pytest.mark.invariant(2)
-@pytest.mark.parametrize('joint', range(6))
+@pytest.mark.parametrize('joint', one_in(2, range(6)))
 @pytest.mark.parametrize('limit', [LIMITS.position_min, LIMITS.position_max])
 def test_inv2_limit_rounded_to_float32_is_inside_and_beyond_is_not(server, limit, joint):
     outward = np.float32(np.sign(limit[joint]) * np.inf)
@@ -468,7 +471,7 @@ def test_download_is_executed_when_its_last_point_arrives(server, comm_type):
 @pytest.mark.invariant(1)
 @DOWNLOADS
 @pytest.mark.parametrize('comm_type', [TOPIC, REQUEST])
-@pytest.mark.parametrize('index', [0, 3, 9])
+@pytest.mark.parametrize('index', one_in(2, [0, 3, 9]))
 @pytest.mark.parametrize('bad', ['joint nan', 'above a limit'])
 def test_inv1_bad_point_refuses_the_whole_download(server, bad, index, comm_type):
     if bad == 'above a limit' and not server.profile.program.check_limits:

@@ -19,7 +19,7 @@ from epson_driver.motion.smoother.planner import plan
 NO_LENGTH = (2095, pytest.param(2134, marks=pytest.mark.slow))
 """The arm was at rest on a point up to rounding, so the path had length 0, and NaN followed."""
 
-CRAWLING = (2298, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2819, 2950)))
+CRAWLING = tuple(pytest.param(seed, marks=pytest.mark.slow) for seed in (2298, 2819, 2950))
 """A sharp bend of 1e-4 rad made a move take a minute, because no shorter one was tried."""
 
 

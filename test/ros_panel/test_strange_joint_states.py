@@ -21,6 +21,8 @@ from epson_driver.ros_panel.ros_discovery import RosDiscovery
 
 BROWSER = 1
 
+pytestmark = pytest.mark.slow
+
 
 class JogRig:
     """The panel's own objects, a driver, a controller, and a second publisher of joint_states."""
@@ -91,7 +93,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[JogRig]:
     ('names', 'positions'),
     [
         pytest.param(JOINTS[::-1], [0.5, -0.4, 0.3, 0.2, -0.1, 0.6], id='the same, reversed'),
-        pytest.param(['finger_joint'], [0.01], id='of a gripper', marks=pytest.mark.slow),
+        pytest.param(['finger_joint'], [0.01], id='of a gripper'),
     ],
 )
 def test_inv10_jog_ignores_other_joint_state_publishers(
@@ -120,7 +122,6 @@ def test_inv10_jog_ignores_other_joint_state_publishers(
     np.testing.assert_allclose(rig.at - before, [jogged_by[0], -0.1, 0, 0, 0, 0], atol=1e-5)
 
 
-@pytest.mark.slow
 @pytest.mark.invariant(6, 10)
 def test_inv6_joints_are_not_fresh_after_the_driver_was_killed(rig: JogRig) -> None:
     rig.say(JOINTS, [0.0] * 6)

@@ -40,7 +40,7 @@ def test_world_holds_the_invariants(block):
 
 
 @pytest.mark.invariant(1, 2, 3, 4, 5, 6, 8, 9)
-@pytest.mark.parametrize('seed', ['28', '92'])
+@pytest.mark.parametrize('seed', ['28', pytest.param('92', marks=pytest.mark.slow)])
 def test_world_with_real_time_motion_holds_the_invariants(seed):
     world = World(seed)
     assert world.profile_name == 'rtmc'
