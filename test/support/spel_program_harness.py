@@ -40,9 +40,9 @@ class ProgramClient:
     @classmethod
     def connect(cls, harness, port):
         """Wait until the port is open, and connect."""
-        harness.step(0.5)
+        harness.step(0.2)
         client = cls(harness, port)
-        harness.step(0.3)
+        harness.step(0.1)
         return client
 
     @property
@@ -187,7 +187,7 @@ class OurProgramHarness(SpelProgramHarness):
 
     def ready(self):
         """Switch motors on, and connect a motion client."""
-        self.step(0.5)
+        self.step(0.1)
         self.do('motors on')
         return self.connect()
 
