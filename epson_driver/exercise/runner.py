@@ -9,7 +9,7 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from epson_driver.error_texts import load_error_texts
 from epson_driver.exercise.cell import SimulatedCell, simulated_cell
 from epson_driver.exercise.judge import Observed
 from epson_driver.inputs import InputError, printable
+from epson_driver.processes.interrupt import interrupts_held
 from epson_driver.profiles import load_controller_profile
 from epson_driver.remote_ethernet.client import RemoteError
 from epson_driver.report.run import RunError
@@ -179,6 +180,25 @@ def run_case(exercise: Exercise, case: Case, folder: Path, usual: Observed | Non
     )
 
 
+@contextlib.contextmanager
+def running_program(
+    command: Sequence[str], log: Path, environment: Mapping[str, str]
+) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a program and its child processes at most until the block ends."""
+    with contextlib.ExitStack() as end:
+        with log.open('wb') as output, interrupts_held():
+            program = subprocess.Popen(  # noqa: S603 - the command that a person gave
+                list(command),
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                start_new_session=True,
+            )
+            end.callback(_kill, program)
+        yield program
+
+
 def _watch(
     exercise: Exercise,
     case: Case,
@@ -189,40 +209,32 @@ def _watch(
     refused = _begin(cell, case) if case.early else ''
     began = time.monotonic()
     log = cell.folder / 'program.log'
-    with log.open('wb') as output:
-        program = subprocess.Popen(  # noqa: S603 - the command that a person gave
-            list(exercise.command),
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            env=cell.environment | {'EPSON_DRIVER_EXERCISE': case.name},
-            start_new_session=True,
-        )
-    deadline = began + exercise.timeout
-    ended = threading.Event()
+    environment = cell.environment | {'EPSON_DRIVER_EXERCISE': case.name}
+    with running_program(exercise.command, log, environment) as program:
+        deadline = began + exercise.timeout
+        ended = threading.Event()
 
-    def wait() -> None:
-        program.wait()
-        ended.set()
+        def wait() -> None:
+            program.wait()
+            ended.set()
 
-    waiting = threading.Thread(target=wait, name='program', daemon=True)
-    waiting.start()
-    fault_began = 0.0 if case.early else None
-    latest = deadline if usual is None or not case.early else began + usual.seconds
-    moved_at = cell.observer.wait_for_motion(latest, ended)
-    if moved_at is not None and not case.early and case.name != NO_FAULT.name:
-        ended.wait(max(moved_at + _delay(usual, chance) - time.monotonic(), 0.0))
-        fault_began = time.monotonic() - began
-        refused = _begin(cell, case)
-    if fault_began is not None and case.person:
-        ended.wait(PERSON_COMES_S)
-        _help(cell, case)
-    ended.wait(max(deadline - time.monotonic(), 0.0))
-    code = program.returncode if ended.is_set() else None
-    seconds = time.monotonic() - began
-    last = _last_line(log)
-    time.sleep(AFTERWARDS_S)  # a program that has ended may have left a goal running
-    _kill(program)
+        waiting = threading.Thread(target=wait, name='program', daemon=True)
+        waiting.start()
+        fault_began = 0.0 if case.early else None
+        latest = deadline if usual is None or not case.early else began + usual.seconds
+        moved_at = cell.observer.wait_for_motion(latest, ended)
+        if moved_at is not None and not case.early and case.name != NO_FAULT.name:
+            ended.wait(max(moved_at + _delay(usual, chance) - time.monotonic(), 0.0))
+            fault_began = time.monotonic() - began
+            refused = _begin(cell, case)
+        if fault_began is not None and case.person:
+            ended.wait(PERSON_COMES_S)
+            _help(cell, case)
+        ended.wait(max(deadline - time.monotonic(), 0.0))
+        code = program.returncode if ended.is_set() else None
+        seconds = time.monotonic() - began
+        last = _last_line(log)
+        time.sleep(AFTERWARDS_S)  # a program that has ended may have left a goal running
     waiting.join()
     _, positions = cell.observer.seen
     return Observed(

@@ -124,6 +124,14 @@ def test_second_signal_does_not_disturb_the_exit(called, number, monkeypatch):
     assert (code, output.split()[-1]) == (INTERRUPTED, 'stopped')
 
 
+def test_interrupt_ends_the_program_that_is_exercised(tmp_path):
+    command = [sys.executable, '-c', 'import time; time.sleep(600)']
+    run = runner.running_program(command, tmp_path / 'program.log', dict(os.environ))
+    with pytest.raises(KeyboardInterrupt), run as program:
+        raise KeyboardInterrupt
+    assert program.returncode == -signal.SIGTERM
+
+
 # --- the cell ---------------------------------------------------------------------------------
 
 
