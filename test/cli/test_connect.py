@@ -184,7 +184,6 @@ def test_sim_controller_takes_a_robot_file_that_options_override(file, monkeypat
     [
         ('panel', 'start `epson_driver client` with this file'),
         ('fleet', 'fleet simulates its robots'),
-        ('smooth', 'must follow --robot, --host, --address'),
         ('report', 'must follow --robot, --host, --address'),
     ],
 )

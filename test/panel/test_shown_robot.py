@@ -303,7 +303,6 @@ def test_simulated_panel_works_in_a_browser_without_ros() -> None:
     [
         ([], 1, 'the Python module rclpy is missing: add --simulated or robot.yaml'),
         (['--no-ros'], 2, 'needs robot.yaml or --simulated'),
-        (['none.yaml'], 2, 'none.yaml: must be a file written by `epson_driver connect`'),
     ],
 )
 def test_panel_without_ros_reports_wrong_arguments_and_missing_rclpy(
