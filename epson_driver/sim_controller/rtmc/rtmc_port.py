@@ -237,6 +237,7 @@ class RtmcPort:
                 raise RefusedError(detail=Detail.DECELERATING)
             controller.arm.switch_executor(self.motion)
             self.motion.active = True
+            self._waits, self._waiting = MAX_WAITS, True
             period = self._cycle_period
             self._cycles = controller.clock.every(period, self._cycle, period, self._buffer_size)
 
@@ -349,8 +350,8 @@ class RtmcPort:
 
         A late simulation makes up for its missed cycles, with at most half of the buffer, because
         the client could not fill it during the delay. Then the simulation waits for a full buffer.
-        It also waits if the buffer runs empty soon after a delay, because a client on a busy
-        machine is late, too.
+        It also waits at the start, and if the buffer runs empty soon after a delay, because a
+        client on a busy machine is late, too.
         """
         clock = self._controller.clock
         self._poll(len(self.motion.targets) >= self._buffer_size)
