@@ -17,14 +17,20 @@ from epson_driver.processes import processes
 
 Answers = set[tuple[bool, str]]
 
+PACE_S = 0.3
+
 
 def enable_until(peer: RosPeer, good: Callable[[Answers], bool]) -> Answers:
-    """Call `~/enable` until the replies satisfy `good`, and return them."""
+    """Call `~/enable` until the replies satisfy `good`, and return them.
+
+    Late replies of a slow driver would displace the awaited reply if calls followed immediately.
+    """
     answers: Answers = set()
     until = time.monotonic() + PATIENCE
     while not good(answers):
         assert time.monotonic() < until, answers
         answers.add(peer.call('enable'))
+        time.sleep(PACE_S)
     return answers
 
 
