@@ -363,6 +363,7 @@ class InterruptedStart(subprocess.Popen):
         signal.raise_signal(signal.SIGINT)
 
 subprocess.Popen = InterruptedStart
+signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the shell ignores SIGINT
 processes.Process('600', [], Path(sys.argv[1]), {}, ['/bin/sleep'])
 """
 
