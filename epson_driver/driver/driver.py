@@ -14,7 +14,7 @@ from typing import Protocol
 from epson_driver.driver.channel import make_channel
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.real_time import RealTimeDelivery
-from epson_driver.driver.delivery.statements import Load, StatementDelivery
+from epson_driver.driver.delivery.statements import StatementDelivery
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.inhibit import Cause, Inhibit, Purpose, second_driver, seen_inhibit
@@ -60,6 +60,8 @@ WORST_FIRST = (
 )
 """Link states, the worst state first. The combined state of all links is their worst state."""
 
+SetsLoad = StatementDelivery | RealTimeDelivery
+
 _log = logging.getLogger(__name__)
 
 
@@ -78,17 +80,15 @@ class Driver:
     def __init__(
         self, configuration: Configuration, events: DriverEvents, settings: GoalSettings
     ) -> None:
-        self.configuration = configuration
+        self.configuration, self._events = configuration, events
         limits, timeout = configuration.limits, configuration.state_timeout
         self.gate = ArmGate()
         self.changed = changed = Notification()
         """Notified when a status or a reply to STOP has arrived, or a goal or stop has ended."""
         self.second_driver: Callable[[], str] = str
-        """Function that describes other processes with the same ROS names, or returns ''. Such
-        processes also receive the requests for this driver."""
+        """Describes other processes with the same ROS names, which receive the same requests."""
         self.second_driver_known = 0.0
-        """Loop time at which all processes with the same ROS names have been discovered, s. The
-        arm is not enabled earlier."""
+        """Loop time at which all such processes are known, s. The arm is not enabled earlier."""
         self.stop_due = False  # STOP must be the first message of the new motion connection
         channel = make_channel(
             configuration,
@@ -102,10 +102,8 @@ class Driver:
         delivery = channel.delivery
         self.statements = delivery if isinstance(delivery, StatementDelivery) else None
         """Sends motions as SPEL+ statements. None if the controller receives points instead."""
-        self.set_load: Callable[[Load | None], None] | None = None
+        self.set_load = delivery.set_load if isinstance(delivery, SetsLoad) else None
         """Sets the payload for each motion. None if the controller's program sets it."""
-        if isinstance(delivery, StatementDelivery | RealTimeDelivery):
-            self.set_load = delivery.set_load
         self.trace = Trace(channel.all_links)
         rules, mapping = configuration.state_rules, configuration.joint_mapping
         self.robot = robot = RobotState(
@@ -116,25 +114,17 @@ class Driver:
         )
         beat = self.heartbeat.before_point
         self.stopper = stopper = Stopper(
-            delivery,
-            robot,
-            changed,
-            self.motors,
-            self._on_alarm,
-            self._on_rest,
-            beat,
+            delivery, robot, changed, self.motors, self._on_alarm, self._on_rest, beat
         )
         self.why_not = ask = InhibitTable(
             channel, robot, self.gate, stopper, timeout, self._connects_later
         )
-        end = self._on_broken_off
         ask.goals = self.goal_queue = goals = GoalQueue(
-            configuration, robot, ask, stopper, settings, changed, end
+            configuration, robot, ask, stopper, settings, changed, self._on_broken_off
         )
-        ask.servo = self.servo = Servo(limits, robot, ask, stopper, goals, end)
+        ask.servo = self.servo = Servo(limits, robot, ask, stopper, goals, self._on_broken_off)
         self._joints_missing = ReceiveTimeout(max(STATUS_TIMEOUT_S, timeout))
         self._status_missing = ReceiveTimeout(STATUS_TIMEOUT_S)
-        self._events = events
         self._feedback_leads = False
         self._positions_since_feedback = 0
         self._dropped_throttle = LogThrottle()
@@ -142,11 +132,11 @@ class Driver:
         self._condition: Inhibit | None = None
         self._condition_throttle = LogThrottle(burst=6)
         self._reported_state = LinkState.DISCONNECTED
+        kind = configuration.configured_as
+        self._reports = {link.name: LinkReports(link, kind) for link in self.links}
         self._dialect_known = asyncio.Event()
         if configuration.knows_byte_order:
             self._dialect_known.set()
-        kind = configuration.configured_as
-        self._reports = {link.name: LinkReports(link, kind) for link in self.links}
 
     async def run(self) -> None:
         """Run the links and all other parts. Stop the arm if a part fails, or on cancellation."""

@@ -115,6 +115,19 @@ def test_request_and_reply_and_a_peer_that_leaves(port):
     assert not controller.write(request)
 
 
+@pytest.mark.slow
+def test_first_request_of_each_client_can_be_answered_at_once(port):
+    message = RtmcMessage(Request.STATUS).encode()
+    with closing(Transport(HOST, port)) as controller:
+        for _ in range(40):
+            with closing(Transport(HOST, peer=(HOST, port))) as client:
+                write(client, message)
+                assert arrival(controller).data == message
+                assert controller.write(message)
+                assert arrival(client).data == message
+            assert arrival(controller).data is None
+
+
 @pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGSTOP])
 def test_silent_peer_is_lost(port, how):
     with closing(Transport(HOST, port)) as controller:

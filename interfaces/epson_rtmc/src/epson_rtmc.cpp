@@ -206,7 +206,11 @@ struct Peer : DataReaderListener, DataWriterListener {
   void run() {
     try {
       while (!closing) {
-        reader->wait_for_unread_message({0, 20000000});
+        const bool unread = reader->wait_for_unread_message({0, 20000000});
+        if (unread && !matched_readers) {  // the first request may arrive before it can be answered
+          std::this_thread::sleep_for(std::chrono::milliseconds(1));
+          continue;
+        }
         Bytes bytes;
         SampleInfo info;
         while (reader->take_next_sample(&bytes, &info) == ReturnCode_t::RETCODE_OK) {
