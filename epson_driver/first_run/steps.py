@@ -524,7 +524,11 @@ async def _interrupted(
     _error_number(name, made, run, result)
     if run.remote:
         undo = f'{undo.partition(",")[0]} (Enter resets the error and switches the motors on)'
-    await _ready(run, state, undo)
+    try:
+        await _ready(run, state, undo)
+    except NotMovedError as error:
+        result.habits.append(f'{name}: not checked whether the arm resumes its motion: {error}')
+        return result
     before = await _where(run, state)
     await state.ended_within(2.0)
     if np.abs(await _where(run, state) - before).max() > MOVED:

@@ -447,6 +447,21 @@ def test_estop_that_was_not_pressed_in_time_is_offered_again(tmp_path, monkeypat
     assert book.habits == []
 
 
+def test_measured_stop_is_kept_if_the_arm_is_not_made_ready_afterwards(tmp_path, monkeypatch):
+    answer = User.ask
+
+    async def skip_release(user, sentence):
+        return 's' if sentence.startswith('Release it') else await answer(user, sentence)
+
+    monkeypatch.setattr(User, 'ask', skip_release)
+    book = first_day(tmp_path, only=['E-stop'])['book']
+    assert book.entries['E-stop'].state == DONE
+    assert 'E-stop: STATUS to rest' in book.times
+    assert book.habits == [
+        'E-stop: not checked whether the arm resumes its motion: the arm was not made ready'
+    ]
+
+
 @pytest.mark.invariant(1)
 def test_inv1_only_enter_or_y_moves_the_arm(tmp_path, monkeypatch):
     answer = User.ask
