@@ -37,7 +37,8 @@ def main() -> int:
     open_closed_streams()
     try:
         result = _run()
-        sys.stdout.flush()
+        if not sys.stdout.closed:  # by pygls, when an editor ends `spel server`
+            sys.stdout.flush()
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:  # `| head` has closed the pipe

@@ -85,6 +85,7 @@ def with_editor(folder: Path, play: Callable[[Editor], Awaitable[None]]) -> None
         await client.shutdown_async(None)
         client.exit(None)
         await client.stop()
+        assert client._server.returncode == 0
 
     asyncio.run(asyncio.wait_for(session(), 500))
 
