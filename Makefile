@@ -47,7 +47,7 @@ help:
 	@echo "make coverage      report which statements the tests run (with the slow tests: ARGS=all)"
 	@echo "make lint          run ruff, mypy, codespell, import-linter and test/plain_english.py"
 	@echo "make docs          build the documentation as a site that needs no network (build/site/index.html)"
-	@echo "make bench         measure the driver's state path, moves and I/O (docs/reliability.md; ARGS=--quick: less)"
+	@echo "make bench         measure the driver's state path, moves, goals, I/O and real-time motion (ARGS=--quick: less)"
 	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help)"
 	@echo "make optimum       find the optima that bench-motion compares with anew, by CasADi and ipopt"
 	@echo "make soak-motion   an hour in which everything happens to goals (ARGS='--minutes 5': less)"
@@ -107,6 +107,8 @@ docs: $(VENV)/.driver $(VENV)/.docs
 bench: $(VENV)/.driver
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.state_path $(ARGS)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.moves
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.goals
+	$(BIN)/python -m benchmark.real_time
 
 bench-motion: $(VENV)/.driver
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)

@@ -16,10 +16,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
 from support.event_loop import run
 from support.fault_cells import Cell, cells

@@ -7,21 +7,16 @@ limits and a quarter of the acceleration limits. The time is that of the motion,
 around it.
 """
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
+from support.driver_harness import LIMITS, Harness, options_of, simulated
 
+from benchmark.moves import Besides, main
 from benchmark.trajectories import blended, fastest_timing, random_vias
 from epson_driver.driver.smoothing import Smoothing
 from epson_driver.motion import Trajectory, smooth
 from epson_driver.setup.setup import make_setup
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
-from support.driver_harness import LIMITS, Harness, options_of, simulated
-
-from benchmark.moves import Besides, main
 
 PROFILES = ('simulated', 'generic', 'motoman', 'spel')
 SPEEDS = (1.0, 0.5)

@@ -9,13 +9,13 @@ first to the last change of the commanded joint positions. Smoothing in the driv
 import argparse
 import asyncio
 import logging
-import sys
 from collections.abc import Awaitable, Callable, Coroutine, Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+from support.api_harness import robot_cell
+from support.event_loop import now, run
 
 from epson_driver import aio
 from epson_driver.driver.goal.planning_cancellation import PlanningCancellation
@@ -24,10 +24,6 @@ from epson_driver.driver.smoothing_worker import smoothed_trajectory
 from epson_driver.motion import Trajectory
 from epson_driver.sim_controller.core import Controller
 from epson_driver.simple_message import IoType
-
-sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
-from support.api_harness import robot_cell
-from support.event_loop import now, run
 
 REQUIRED_S = {'simulated': 0.08, 'motoman': 0.08, 'spel': 0.2, 'remote': 0.35}
 """Maximum mean time of a move besides its motion, by profile, s."""

@@ -3,16 +3,12 @@
 """The user of the soak test: a ROS node that acts step by step, and the person at the pendant."""
 
 import asyncio
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from builtin_interfaces.msg import Duration

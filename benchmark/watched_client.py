@@ -16,8 +16,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
-
 from support.patient import LONG, TIMEOUTS, be_patient
 
 from epson_driver.cli.__main__ import main

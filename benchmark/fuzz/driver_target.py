@@ -10,12 +10,8 @@ between.
 import asyncio
 import logging
 import struct
-import sys
 from functools import partial
-from pathlib import Path
 from typing import Any
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test'))
 
 from support.driver_harness import Harness, pose
 from support.streams import positions
