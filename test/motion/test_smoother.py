@@ -147,23 +147,6 @@ def test_stop_comes_to_rest_on_the_path() -> None:
     assert np.array_equal(position[-1], HOME)
 
 
-def test_replacement_continues_from_the_current_motion() -> None:
-    smoother = Smoother(LIMITS, HOME)
-    for point in arc(40):
-        smoother.append(point, 0.05)
-    before = [smoother.step(DT) for _ in range(500)]
-    others = HOME + np.array([[-0.2] * 6, [-0.3] * 6, [-0.4] * 6])
-    smoother.replace(others, [0.3, 0.3, 0.3])
-    position, velocity, acceleration = rest(smoother)
-    assert_inside(
-        LIMITS,
-        np.vstack([[m.velocity for m in before], velocity]),
-        np.vstack([[m.acceleration for m in before], acceleration]),
-    )
-    assert np.array_equal(position[-1], others[-1])
-    assert near(position, others) < np.max(np.abs(velocity)) * DT
-
-
 def test_pause_and_resume_stay_on_the_path() -> None:
     free, paused = Smoother(LIMITS, HOME), Smoother(LIMITS, HOME)
     for point in arc(40):
@@ -185,26 +168,6 @@ def test_pause_and_resume_stay_on_the_path() -> None:
         np.vstack([[m.acceleration for m in motions], acceleration]),
     )
     assert near(path, np.array([m.position for m in motions])) < 2e-3
-
-
-def test_replacement_waits_for_the_end_of_a_hold() -> None:
-    smoother = Smoother(LIMITS, HOME)
-    for point in arc(40):
-        smoother.append(point, 0.05)
-    motions = [smoother.step(DT) for _ in range(500)]
-    smoother.hold()
-    smoother.replace(HOME[None, :] - 0.2)
-    motions += [smoother.step(DT) for _ in range(400)]
-    assert smoother.points_ahead
-    assert np.array_equal(motions[-1].position, motions[-100].position)
-    smoother.resume()
-    position, velocity, acceleration = rest(smoother)
-    assert np.array_equal(position[-1], HOME - 0.2)
-    assert_inside(
-        LIMITS,
-        np.vstack([[m.velocity for m in motions], velocity]),
-        np.vstack([[m.acceleration for m in motions], acceleration]),
-    )
 
 
 @pytest.mark.parametrize('known', one_in(2, [3, 40]))
@@ -515,21 +478,6 @@ def test_invalid_point_is_rejected_without_losing_others(
         smoother.append(position, duration)
     smoother.append(good[1], 0.1)
     assert np.array_equal(rest(smoother)[0][-1], good[1])
-
-
-def test_invalid_replacement_changes_nothing() -> None:
-    smoother = Smoother(LIMITS, HOME)
-    points = arc(3)
-    for point in points:
-        smoother.append(point, 0.1)
-    smoother.step(0.1)
-    with pytest.raises(ValueError, match='1 durations for 3 points'):
-        smoother.replace(points, [0.1])
-    with pytest.raises(ValueError, match='point 1: duration = -1 s must be'):
-        smoother.replace(points, [0.1, -1, 0.1])
-    with pytest.raises(ValueError, match='point 2, joint_1: position 9 is outside'):
-        smoother.replace(np.vstack([points[:2], np.full(6, 9.0)]))
-    assert np.array_equal(rest(smoother)[0][-1], points[-1])
 
 
 def test_start_outside_the_limits_is_rejected() -> None:

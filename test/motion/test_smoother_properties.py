@@ -139,7 +139,9 @@ def run(scenario: Scenario) -> Run:
             elif what == 'replace':
                 result.disturbed = True
                 to = points[int(number * (len(points) - 1)) :][:5]
-                smoother.replace(to)
+                smoother.stop()
+                for point in to:
+                    smoother.append(point)
                 following = len(points)
                 result.last = to[-1]
             elif what == 'hold':

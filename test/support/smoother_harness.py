@@ -114,12 +114,13 @@ def stop(scenario: Scenario) -> None:
 
 
 def replace(scenario: Scenario) -> None:
-    """Replace the points during the motion."""
+    """Stop, and send other points at once."""
     scenario.position = scenario.smoother.motion.position
     reach = float(scenario.rng.choice([0.01, 0.1, 0.4]))
     points = [scenario.near(reach) for _ in range(int(scenario.rng.integers(1, 5)))]
-    scenario.smoother.replace(np.array(points))
-    scenario.position = scenario.end = points[-1]
+    scenario.smoother.stop()
+    for point in points:
+        scenario.send(point, None)
 
 
 PHASES: tuple[Callable[[Scenario], None], ...] = (trajectory, stream, hold, stop, replace)
@@ -274,7 +275,7 @@ def random_points(rng: np.random.Generator, limits: JointLimits) -> tuple[Array,
 
 
 def random_run(seed: int, dt: float, smoother_class: type[Recorded] = Recorded) -> Run:
-    """Return a completed random run of points, holds, stops and replacements."""
+    """Return a completed random run of points, holds and stops, some with other points at once."""
     rng = np.random.default_rng([seed, 20])
     limits = (ARM, ARM, SCARA, SLOW)[int(rng.integers(4))]
     points, durations = random_points(rng, limits)
@@ -315,7 +316,9 @@ def random_run(seed: int, dt: float, smoother_class: type[Recorded] = Recorded) 
                 smoother.resume()
             else:
                 first = int(number * (len(points) - 1))
-                smoother.replace(points[first : first + 4])
+                smoother.stop()
+                for point in points[first : first + 4]:
+                    smoother.append(point)
         if not events and following == len(points):
             smoother.resume()
         motion = smoother.step(dt)

@@ -186,14 +186,11 @@ class Execution:
 
         state: state at the start of braking, `elapsed` s ago.
         """
-        self.move_off_the_path(fastest_stop(self._waypoints.limits, state), elapsed)
-        self.stopping = True
-
-    def move_off_the_path(self, motion: JointMotion, elapsed: float = 0.0) -> None:
-        """Execute a joint motion that started `elapsed` s ago. The next path starts at its end."""
+        motion = fastest_stop(self._waypoints.limits, state)
         self._execute(motion)
         self._joint_motion_start = self.now - elapsed
-        self.paused = self.stopping = False
+        self.paused = False
+        self.stopping = True
         self._waypoints.continue_from(motion.end)
 
     def pause(self) -> None:

@@ -155,7 +155,7 @@ class Replanning:
 
     def _should_plan(self) -> bool:
         execution = self._execution
-        if execution.joint_motion is not None or execution.stopping:
+        if execution.stopping:
             return False
         plan = execution.plan
         if plan is None:

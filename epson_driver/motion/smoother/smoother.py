@@ -4,11 +4,9 @@
 
 import logging
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
-from epson_driver.motion.joint_motion import fastest_move
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.execution import Execution, Observer
 from epson_driver.motion.smoother.output_guard import Motion, OutputGuard, Violation
@@ -82,31 +80,6 @@ class Smoother:
         """Discard all points and come to rest, on the path if a stop there respects the limits."""
         self._forget()
         self._execution.stop()
-
-    def replace(self, points: Array, durations: Sequence[float | None] | None = None) -> None:
-        """Discard all points, and move through other points, shape (k, n), from any state.
-
-        A moving arm moves in joint space to the first of these points, and rests there for an
-        instant. If this is impossible, or the arm is `held`, it stops first. Raises ValueError,
-        and changes nothing, if an argument is invalid or a point is outside the position limits.
-        """
-        times = [None] * len(points) if durations is None else durations
-        if len(times) != len(points):
-            raise ValueError(f'{len(times)} durations for {len(points)} points')
-        checked = [
-            self._waypoints.checked(point, duration, f'point {index}')
-            for index, (point, duration) in enumerate(zip(points, times, strict=True))
-        ]
-        move = None
-        if self._execution.in_motion and checked and not self.held:
-            move = fastest_move(self.limits, self.motion, checked[0])
-        self._forget()
-        if move is None:
-            self._execution.stop()
-        else:
-            self._execution.move_off_the_path(move)
-        for point, duration in zip(checked, times, strict=True):
-            self.append(point, duration)
 
     def change_limits(self, limits: JointLimits) -> None:
         """Replace the limits, except the position limits. Raises RuntimeError unless `at_rest`."""
