@@ -80,6 +80,7 @@ def new_controller(
         profile.state.period if state_period is None else state_period,
         seed,
     )
+    controller.new_command_window = _command_window
     if spel is not None:
         _run_spel(controller, spel, start_position)
     else:
@@ -91,7 +92,6 @@ def new_controller(
         controller.arm = SimulatedArm(executor, controller.servo, caps)
         motoman = profile.program.kind == 'motoman'
         controller.program = MotomanProgram(controller) if motoman else MotionProgram(controller)
-        controller.new_command_window = lambda: _command_window(controller)
     controller.apply_power()
     return controller
 
@@ -116,20 +116,13 @@ def _run_spel(controller: Controller, source: SpelSource, start: Array) -> None:
     executor = _statements(controller, start)
     caps = low_power_caps(controller.model.reach)
     controller.arm = SimulatedArm(executor, controller.servo, caps)
-    controller.program = program = SpelProgram(controller, executor, source)
-    controller.new_command_window = lambda: program
+    controller.program = SpelProgram(controller, executor, source)
 
 
 def _statements(controller: Controller, start: Array) -> PointToPoint:
-    return PointToPoint(
-        controller.model.limits,
-        start,
-        DEFAULT_SPEED,
-        DEFAULT_SPEED,
-        statement_overhead=controller.profile.motion.statement_overhead,
-        caps=low_power_caps(controller.model.reach),
-        late_blend=True,
-    )
+    motion = replace(controller.profile.motion, speed=DEFAULT_SPEED, accel=DEFAULT_SPEED, cp=False)
+    caps = low_power_caps(controller.model.reach)
+    return PointToPoint(controller.model.limits, start, motion, caps=caps, late_blend=True)
 
 
 def _command_window(controller: Controller) -> SpelProgram:
@@ -159,11 +152,8 @@ def _new_executor(controller: Controller, start: Array, planner: Planner | None)
         return PointToPoint(
             limits,
             start,
-            motion.speed,
-            motion.accel,
-            cp=motion.cp,
-            statement_overhead=motion.statement_overhead,
-            acknowledge='taken' if program.acknowledge == 'taken' else 'done',
+            motion,
+            acknowledge=program.acknowledge,
             caps=caps,
             timed=program.uses is FieldsUsed.DURATION or program.kind == 'motoman',
         )
@@ -173,12 +163,9 @@ def _new_executor(controller: Controller, start: Array, planner: Planner | None)
         planner,
         controller.timing,
         controller.planner_failed,
-        motion.look_ahead,
-        motion.look_ahead_points,
-        low_power_limits=caps.limits(limits),
-        uses=program.uses,
-        speed=motion.speed,
-        accel=motion.accel,
+        motion,
+        program.uses,
+        caps.limits(limits),
     )
 
 

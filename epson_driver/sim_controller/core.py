@@ -138,8 +138,8 @@ class Controller:
     arm: SimulatedArm
     program: Program
     clients: Clients
-    new_command_window: Callable[[], CommandWindow]
-    """Function that creates the program for the statements of $Execute."""
+    new_command_window: Callable[['Controller'], CommandWindow]
+    """Function that creates an empty SPEL+ program for the statements of $Execute."""
 
     tables: Tables = REGIONS
     real_time: RealTime | None = None
@@ -236,7 +236,10 @@ class Controller:
     def command_window(self) -> CommandWindow:
         """The SPEL+ program that executes `$Execute`: `program`, or else an empty one."""
         if self._command_window is None:
-            self._command_window = self.new_command_window()
+            own = self.program
+            self._command_window = (
+                own if isinstance(own, CommandWindow) else self.new_command_window(self)
+            )
         return self._command_window
 
     def _programs(self) -> Iterable[Program]:

@@ -44,23 +44,22 @@ class ProgramHarness:
 
     def __init__(self, name='simulated', pending_limit=1000, cp=False, **changes):
         self.profile = profile(name, **changes)
-        self.arm = PointToPoint(
-            LIMITS,
-            np.zeros(6),
-            0.5,
-            0.5,
-            cp=cp,
-            acknowledge='taken' if self.profile.acknowledge == 'taken' else 'done',
+        whole = load_controller_profile(name)
+        motion = replace(whole.motion, pending_limit=pending_limit, cp=cp)
+        self.arm = self.make_arm(
+            PointToPoint(
+                LIMITS,
+                np.zeros(6),
+                replace(motion, speed=0.5, accel=0.5, statement_overhead=0.0),
+                acknowledge=self.profile.acknowledge,
+            )
         )
-        self.arm = self.make_arm(self.arm)
         self.clock = Clock()
         self.errors = ErrorRegister()
         self.blocked = None
         self.events: list[Any] = []
         self.sent = bytearray()
         self._framer = Framer()
-        whole = load_controller_profile(name)
-        motion = replace(whole.motion, pending_limit=pending_limit)
         controller: Any = SimpleNamespace(
             arm=SimpleNamespace(executor=self.arm),
             profile=replace(whole, program=self.profile, motion=motion),
@@ -81,7 +80,7 @@ class ProgramHarness:
             take(taken)
             self.events.append(taken.sequence)
 
-        self.arm.take = record  # type: ignore[method-assign]
+        self.arm.take = record
 
     def make_arm(self, arm):
         """Return the program's arm. A test may wrap it."""

@@ -3,15 +3,17 @@
 """A smoothly moving arm alone, sampled at 1 kHz, with a planner on the same clock."""
 
 from collections import deque
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from epson_driver.motion.smoother import MERGE_TOLERANCE
+from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.streaming import DeadlineCounters, Streaming
-from support.controller_harness import InlinePlanner
+from support.controller_harness import SIMULATED, InlinePlanner
 
 LIMITS = load_robot_model('c3_a601s').limits
 HOME = np.zeros(6)
@@ -34,7 +36,7 @@ class StreamingHarness:
     """
 
     def __init__(
-        self, delay=0.012, start=HOME, look_ahead=1.0, look_ahead_points=1000, **settings
+        self, delay=0.012, start=HOME, uses=FieldsUsed.BOTH, low_power_limits=None, **settings
     ):
         self.planner = InlinePlanner(delay)
         self.timing = DeadlineCounters()
@@ -45,9 +47,9 @@ class StreamingHarness:
             self.planner,
             self.timing,
             self.failures.append,
-            look_ahead,
-            look_ahead_points,
-            **settings,
+            replace(SIMULATED.motion, **settings),
+            uses,
+            low_power_limits,
         )
         self.waiting: deque[Any] = deque()
         self.taken = 0

@@ -11,9 +11,9 @@ An accepted point is a `Go` statement. The rules:
   arm comes to rest first. With `late_blend` they also overlap if the next statement arrives during
   the deceleration.
 * A statement with a `path` follows it from rest to rest and never overlaps.
-* With `acknowledge='done'` a point is acknowledged when it is executed, and only then is the next
-  one accepted. With 'taken' it is acknowledged when it is accepted, and up to `look_ahead_points`
-  are accepted ahead of the executing one.
+* A point is acknowledged when it is executed, and only then is the next one accepted. With
+  `acknowledge='taken'` it is acknowledged when it is accepted, and one is accepted ahead of the
+  executing one.
 
 """
 
@@ -27,6 +27,7 @@ import numpy as np
 from epson_driver.motion import Array, JointLimits, LineMotion, go
 from epson_driver.motion.joint_motion import JointMotion, stop_joints
 from epson_driver.motion.point_to_point import check_fractions, check_target, go_in
+from epson_driver.profiles.profile import MotionProfile
 from epson_driver.sim_controller.arm.executor import Motion, PathMotion, Point
 from epson_driver.sim_controller.arm.low_power import LowPower
 from epson_driver.sim_controller.arm.overlap import blend_start
@@ -114,7 +115,7 @@ class PointToPoint:
     fraction is out of range.
 
     * start: joint positions, shape (n,), rad.
-    * speed, accel: fractions (0, 1] of the limits (SPEL+ Speed, Accel).
+    * motion: the initial Speed and Accel of SPEL+, `cp` and `statement_overhead`.
     * caps: caps at low power (None: low power has no effect).
     * timed: whether a point's duration can also make its move slower. If not, durations are
     ignored.
@@ -125,31 +126,27 @@ class PointToPoint:
         self,
         limits: JointLimits,
         start: Array,
-        speed: float = 1.0,
-        accel: float = 1.0,
+        motion: MotionProfile,
         *,
-        cp: bool = False,
-        statement_overhead: float = 0.0,
-        acknowledge: Literal['done', 'taken'] = 'done',
-        look_ahead_points: int = 1,
+        acknowledge: Literal['default', 'taken'] = 'default',
         caps: LowPower | None = None,
         timed: bool = False,
         late_blend: bool = False,
     ) -> None:
         self.limits = limits
         self.low_power = False
-        self._speed = speed
-        self._accel = accel
-        self._cp = cp
-        self._overhead = statement_overhead
+        self._speed = motion.speed
+        self._accel = motion.accel
+        self._cp = motion.cp
+        self._overhead = motion.statement_overhead
         self._acknowledges_early = acknowledge == 'taken'
-        self._max_unexecuted = 1 + look_ahead_points if self._acknowledges_early else 1
+        self._max_unexecuted = 2 if self._acknowledges_early else 1
         self._caps = caps
         self._timed = timed
         self._late_blend = late_blend
         self.started_points = 0
         self._now = 0.0
-        self._rest = go(limits, start, start, speed, accel).end
+        self._rest = go(limits, start, start, motion.speed, motion.accel).end
         self._queue: deque[Statement] = deque()  # statements that have not started
         # Started segments. The last may start before the previous one ends. At most two move.
         self._segments: list[Segment] = []

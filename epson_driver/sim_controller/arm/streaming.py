@@ -17,6 +17,7 @@ import numpy as np
 
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Plan, Request, Smoother
+from epson_driver.profiles.profile import MotionProfile
 from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.setpoint_follower import SetpointFollower
@@ -96,15 +97,16 @@ class Streaming:
     The smoother plans the motion through the points of a trajectory. A stream of setpoints that
     starts at rest is not planned. `SetpointFollower` follows it until a trajectory starts.
 
-    Points are accepted while less than `look_ahead` s and fewer than `look_ahead_points` points
-    are known ahead of the arm, and none during a hold or while it brakes.
+    Points are accepted while less than `motion.look_ahead` s and fewer than
+    `motion.look_ahead_points` points are known ahead of the arm, and none during a hold or while
+    it brakes.
 
     `uses` selects the fields of a point that determine the time of its move. A duration is
     respected within the limits. Without a duration, a velocity in (0, 1) is the fraction of the
     joints' speed. Without both, the arm is as fast as the limits allow. If `uses` selects no
     field, each move uses the fraction `speed` of the joints' speed. Otherwise `speed` has no
     effect. `accel` has no effect at all, because SPEL+'s Accel only applies to point-to-point
-    motion.
+    motion. `motion` gives the initial values of both.
 
     `low_power_limits` replace `limits` in every motion that starts from rest while `low_power` is
     set. They must have the same position limits. If None, low power changes no limits.
@@ -121,26 +123,21 @@ class Streaming:
         planner: Planner,
         timing: DeadlineCounters,
         failed: Callable[[str], None],
-        look_ahead: float,
-        look_ahead_points: int,
-        *,
+        motion: MotionProfile,
+        uses: FieldsUsed,
         low_power_limits: JointLimits | None = None,
-        uses: FieldsUsed = FieldsUsed.BOTH,
-        speed: float = 1.0,
-        accel: float = 1.0,
     ) -> None:
         self.limits = limits
         self.low_power = False
-        self.speed = speed
-        self.accel = accel
+        self.speed = motion.speed
+        self.accel = motion.accel
         self._power_limits = {False: limits, True: low_power_limits or limits}
         self._uses = uses
         self._latency = PlanningLatency()
         self._planner = planner
         self._timing = timing
         self._failed = failed
-        self._look_ahead = look_ahead
-        self._look_ahead_points = look_ahead_points
+        self._motion = motion
         self.started_points = 0
         self._accepted_points = 0
         self._now = 0.0
@@ -197,8 +194,8 @@ class Streaming:
         if self._paused or self._braking:
             return False
         return (
-            self._source.points_ahead < self._look_ahead_points
-            and self._source.look_ahead < self._look_ahead
+            self._source.points_ahead < self._motion.look_ahead_points
+            and self._source.look_ahead < self._motion.look_ahead
         )
 
     @property

@@ -3,7 +3,7 @@
 """The point-to-point arm: blends, stops, holds and low power, never beyond a limit."""
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 from support.examples import examples
 
 from epson_driver.motion import go
+from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.low_power import LowPower
 from epson_driver.sim_controller.arm.point_to_point import OVERLAP_FRACTION, PointToPoint
 
 MODEL = load_robot_model('c3_a601s')
+SIMULATED = load_controller_profile('simulated').motion
 LIMITS = MODEL.limits
 LOW, HIGH = LIMITS.position_min, LIMITS.position_max
 HOME = np.zeros(6)
@@ -117,8 +119,11 @@ class Harness:
         assert np.all(np.abs(rates - means) <= LIMITS.jerk * DT**2 + 1e-9)
 
 
-def harness(start=HOME, speed=1.0, accel=1.0, **settings):
-    return Harness(PointToPoint(LIMITS, start, speed, accel, caps=CAPS, **settings))
+def harness(start=HOME, speed=1.0, accel=1.0, cp=False, statement_overhead=0.0, **settings):
+    motion = replace(
+        SIMULATED, speed=speed, accel=accel, cp=cp, statement_overhead=statement_overhead
+    )
+    return Harness(PointToPoint(LIMITS, start, motion, caps=CAPS, **settings))
 
 
 # ---- consecutive moves
@@ -163,10 +168,9 @@ def test_overhead_of_a_point_taken_ahead_costs_no_time():
     np.testing.assert_array_equal(one.arm.position, CORNER[-1])
 
 
-@pytest.mark.parametrize('ahead', [1, 2, 5])
-def test_number_of_points_taken_ahead_is_limited(ahead):
-    one = harness(acknowledge='taken', look_ahead_points=ahead)
-    for number in range(ahead + 1):
+def test_one_point_is_taken_ahead():
+    one = harness(acknowledge='taken')
+    for number in range(2):
         assert one.arm.has_room
         one.arm.take(Point(number, at(0.1 * number + 0.1), 0.0, 0.0))
     assert not one.arm.has_room
@@ -230,7 +234,7 @@ def test_inv2_rounding_near_a_limit_does_not_pass_it():
         start, target = random.uniform(LOW, HIGH, (2, 6))
         joint = random.integers(6)
         target[joint] = HIGH[joint]
-        arm, timer = (PointToPoint(LIMITS, start, 0.5, 0.5) for _ in range(2))
+        arm, timer = (harness(start, 0.5, 0.5).arm for _ in range(2))
         for item in (arm, timer):
             item.take(Point(0, target, 0.0, 0.0))
         duration = 1000.0 - timer.step(1000.0)
@@ -417,7 +421,7 @@ def test_position_can_be_set_only_while_the_arm_has_no_points():
 
 @pytest.mark.parametrize('cp', [False, True])
 def test_low_power_applies_from_the_next_move_from_rest(cp):
-    one = harness(cp=cp, acknowledge='taken', look_ahead_points=3)
+    one = harness(cp=cp, acknowledge='taken')
     one.arm.low_power = True
     one.send(at(0.02, -0.02), at(0.02, 0.0, 0.05), at(0.02, 0.0, 0.05, 0.2, 0.2, 1.0))
     one.run()
@@ -438,7 +442,7 @@ def test_low_power_applies_from_the_next_move_from_rest(cp):
 @pytest.mark.invariant(2)
 def test_inv2_low_power_bounds_the_tool_speed_on_any_line():
     random = np.random.default_rng(3)
-    one = harness(acknowledge='taken', look_ahead_points=30, cp=True)
+    one = harness(acknowledge='taken', cp=True)
     one.arm.low_power = True
     one.send(*random.uniform(LOW, HIGH, (4, 6)))
     one.run(200.0)
@@ -477,9 +481,8 @@ def test_inv2_and_3_random_events_exceed_no_limit(
         speed,
         accel,
         cp=cp,
-        acknowledge='taken' if early else 'done',
+        acknowledge='taken' if early else 'default',
         statement_overhead=overhead,
-        look_ahead_points=2,
     )
     targets = list(np.clip(start + np.cumsum(moves, axis=0), LOW, HIGH))
     one.send(*targets)
@@ -560,7 +563,7 @@ def test_inv3_stop_in_a_blend_at_a_limit_stays_inside():
 
 @pytest.mark.parametrize('duration', [0.4, 2.0, 8.0])
 def test_point_takes_its_duration(duration):
-    arm = PointToPoint(LIMITS, HOME, timed=True)
+    arm = harness(timed=True).arm
     arm.take(Point(0, HOME + AXIS, 0.0, duration))
     time = 0.0
     while arm.moving:
@@ -570,7 +573,7 @@ def test_point_takes_its_duration(duration):
 
 
 def test_too_short_duration_gives_the_fastest_allowed_move():
-    timed, free = PointToPoint(LIMITS, HOME, timed=True), PointToPoint(LIMITS, HOME)
+    timed, free = harness(timed=True).arm, harness().arm
     for arm in (timed, free):
         arm.take(Point(0, HOME + AXIS, 0.0, 0.01))
     while timed.moving or free.moving:
@@ -580,8 +583,8 @@ def test_too_short_duration_gives_the_fastest_allowed_move():
 
 
 def test_started_points_are_counted_once():
-    arm = PointToPoint(LIMITS, HOME, acknowledge='taken', look_ahead_points=3)
-    for index in range(1, 4):
+    arm = harness(acknowledge='taken').arm
+    for index in (1, 2):
         arm.take(Point(index, HOME + 0.1 * index * AXIS, 0.0, 0.0))
     arm.step(0.01)
     assert arm.started_points == 1
@@ -594,14 +597,14 @@ def test_started_points_are_counted_once():
         arm.step(0.004)
         seen.append(arm.started_points)
     assert seen[0] == 1
-    assert sorted(set(seen)) == [1, 2, 3]
-    arm.take(Point(4, HOME + 0.3 * AXIS, 0.0, 0.0))  # the current position
-    assert arm.started_points == 4
+    assert sorted(set(seen)) == [1, 2]
+    arm.take(Point(3, HOME + 0.2 * AXIS, 0.0, 0.0))  # the current position
+    assert arm.started_points == 3
 
 
 def test_destination_is_known_in_every_phase():
     far, farther = HOME + 0.5, HOME + 0.8
-    arm = PointToPoint(LIMITS, HOME, acknowledge='taken', statement_overhead=0.1)
+    arm = harness(acknowledge='taken', statement_overhead=0.1).arm
     assert np.array_equal(arm.destination, HOME)
     arm.take(Point(0, far, 0.0, 0.0))
     assert np.array_equal(arm.destination, far)  # not started
