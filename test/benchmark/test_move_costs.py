@@ -1,11 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The time of a move besides its motion, in virtual time."""
+"""The time of a move besides its motion, and of goals at the arm, in virtual time."""
 
 import pytest
 from support.api_harness import robot_cell
 
+from benchmark.goals import arm_time, plans
 from benchmark.moves import inputs, moves, short_planning
+from epson_driver.driver.smoothing import Smoothing
 
 
 @pytest.mark.parametrize(
@@ -19,3 +21,10 @@ async def test_move_costs_little_besides_its_motion(profile, longest, monkeypatc
             assert max(times.values()) < longest, times
             assert ratio <= 1.02 or profile == 'remote'
             assert max((await inputs(robot, controller)).values()) < 0.025
+
+
+@pytest.mark.slow
+async def test_goal_at_half_speed_keeps_its_time():
+    (plan, *_) = plans(0.5, 0.1)
+    with short_planning():
+        assert 0.95 < await arm_time('simulated', plan, Smoothing()) / plan.duration < 1.08

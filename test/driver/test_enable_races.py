@@ -14,13 +14,45 @@ from dataclasses import replace
 import pytest
 from support.driver_harness import Harness, cell, pose, simulated
 from support.event_loop import PATIENCE, now, run, until
-from support.slow_remote import SlowRemote
+from support.remote_peer import RemotePeer
 
 from epson_driver.driver import arm_commands
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.profiles import load_controller_profile
-from epson_driver.sim_controller.condition.states import Event
+from epson_driver.sim_controller.condition.states import Event, RejectedError
 from epson_driver.sim_controller.faults.fault_kinds import parse
+
+EVENTS = {
+    '$SetMotorsOn,1': Event.MOTORS_ON,
+    '$SetMotorsOff,1': Event.MOTORS_OFF,
+    '$Reset': Event.RESET,
+}
+
+
+class SlowRemote(RemotePeer):
+    """Executes each command after `delay` s, even if its client has disconnected, and answers.
+
+    `obeyed` contains the executed commands. `told` is set by the first command.
+    """
+
+    def __init__(self, controller, delay):
+        super().__init__(delay)
+        self.obeyed = []
+        self.told = asyncio.Event()
+        self._controller = controller
+
+    async def answer(self, line):
+        name = line[1:].partition(',')[0]
+        if line in EVENTS:
+            self.told.set()
+            await asyncio.sleep(self.delay)
+            self.obeyed.append(name)
+            try:
+                self._controller.apply(EVENTS[line])
+            except RejectedError:
+                return f'!{name},20'
+        return f'#{name},0'
+
 
 pytestmark = pytest.mark.invariant(4)
 

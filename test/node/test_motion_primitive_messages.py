@@ -1,6 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motion primitives read from messages, and errors with motion, field and rule."""
+"""Motion primitives read from messages, errors with motion, field and rule, and tool changes."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,10 +11,18 @@ from control_msgs.msg import MotionArgument, MotionPrimitive, MotionPrimitiveSeq
 from geometry_msgs.msg import PoseStamped
 
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
-from epson_driver.node.motion_primitives import primitive_result, primitives_from_message
+from epson_driver.node.loop_bridge import DriverEndedError
+from epson_driver.node.motion_primitives import (
+    MotionPrimitives,
+    ToolBusyError,
+    primitive_result,
+    primitives_from_message,
+)
+from epson_driver.node.node import ClientNode
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import rotation_of_uvw
 from epson_driver.tool_motion.motion_sequence import Kind
+from epson_driver.trace import TraceError
 
 LIMITS = load_robot_model('c3_a601s').limits
 JOINTS = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
@@ -146,3 +156,28 @@ def test_error_codes_unknown_to_the_action_become_invalid_goal():
         known = code in (result.SUCCESSFUL, result.INVALID_GOAL, result.OLD_HEADER_TIMESTAMP)
         assert result_message.error_code == (code if known else result.INVALID_GOAL)
         assert result_message.error_string == 'why'
+
+
+def test_set_tool_is_rejected_during_a_sequence():
+    with pytest.raises(ToolBusyError):
+        MotionPrimitives.set_tool(SimpleNamespace(busy=True), np.eye(4))
+
+
+@pytest.mark.invariant(9)
+@pytest.mark.parametrize(
+    ('error', 'expected'),
+    [
+        (TraceError('trace_folder: No space left on device'), 'trace_folder: No space left'),
+        (DriverEndedError(), 'the driver has ended'),
+        (ZeroDivisionError('x'), 'setting parameters failed: x'),
+    ],
+)
+def test_failed_parameter_change_is_reported(error, expected):
+    def fails(_changes):
+        raise error
+
+    bridge = SimpleNamespace(failed=lambda what, failure: f'{what} failed: {failure}')
+    node = SimpleNamespace(_set_parameters=fails, _bridge=bridge)
+    result = ClientNode._on_set_parameters(node, [])
+    assert not result.successful
+    assert expected in result.reason

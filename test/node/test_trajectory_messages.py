@@ -1,15 +1,17 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories read from ROS messages: names, shapes, numbers and errors."""
+"""Trajectories and tolerances read from ROS messages, and their errors."""
 
 from itertools import permutations
 
+import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration
+from control_msgs.msg import JointTolerance
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError
-from epson_driver.node.trajectory_messages import trajectory_from_message
+from epson_driver.node.trajectory_messages import tolerances_from_messages, trajectory_from_message
 
 NAMES = ('a', 'b', 'c')
 
@@ -107,3 +109,54 @@ def test_error_codes_equal_the_action_s_codes():
     result = FollowJointTrajectory.Result
     for code in ErrorCode:
         assert getattr(result, code.name) == code
+
+
+DEFAULTS = np.array([0.01, 0.02, 0.0])
+
+
+def tolerances(**positions):
+    entries = [JointTolerance(name=name, position=value) for name, value in positions.items()]
+    return tolerances_from_messages(entries, 'goal_tolerance', NAMES, DEFAULTS)
+
+
+@pytest.mark.parametrize(
+    ('requested', 'expected'),
+    [
+        ({}, [0.01, 0.02, np.inf]),
+        ({'a': 0.0}, [0.01, 0.02, np.inf]),
+        ({'a': 0.5}, [0.5, 0.02, np.inf]),
+        ({'c': 0.3}, [0.01, 0.02, 0.3]),
+        ({'b': -1.0}, [0.01, np.inf, np.inf]),
+        ({'c': 0.0, 'a': -0.1}, [np.inf, 0.02, np.inf]),
+    ],
+)
+def test_zero_tolerance_means_default_and_negative_means_unchecked(requested, expected):
+    assert tolerances(**requested).position.tolist() == expected
+    assert DEFAULTS.tolist() == [0.01, 0.02, 0.0]  # unchanged for the next goal
+
+
+def test_velocity_tolerances_have_no_default():
+    result = tolerances_from_messages(
+        [
+            JointTolerance(name='a', velocity=0.5),
+            JointTolerance(name='b', velocity=-1.0),
+        ],
+        'path_tolerance',
+        NAMES,
+        np.zeros(3),
+    )
+    assert result.velocity.tolist() == [0.5, np.inf, np.inf]
+    assert result.position.tolist() == [np.inf] * 3
+
+
+def test_unknown_joint_is_rejected():
+    entries = [JointTolerance(name='x', position=0.1)]
+    text = rejection(
+        lambda: tolerances_from_messages(entries, 'path_tolerance', NAMES, DEFAULTS),
+        ErrorCode.INVALID_JOINTS,
+    )
+    assert "path_tolerance names the unknown joint 'x'" in text
+
+
+def test_goal_without_tolerances_and_defaults_is_not_checked():
+    assert not tolerances_from_messages([], 'path_tolerance', NAMES, np.zeros(3)).checked

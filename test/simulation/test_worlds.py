@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Worlds of fixed seeds hold, equal seeds give equal runs, and failures are reduced."""
+"""Worlds of fixed seeds hold, equal seeds give equal runs, and failures are found and reduced."""
 
 import asyncio
 import contextlib
@@ -10,6 +10,8 @@ import time
 from pathlib import Path
 
 import pytest
+from support.examples import quickly
+from support.old_defects import DEFECTS, finds
 
 from epson_driver.driver.stopping.stopper import Stopper
 from simulation import processes
@@ -116,3 +118,12 @@ def test_failure_is_reduced_to_few_events(monkeypatch):
     assert len(fewer) < len(events) / 4
     with pytest.raises(BrokenError):
         World(seed).play(fewer)
+
+
+USUAL_DEFECTS = ('a_held_stream_is_followed_at_once', 'an_arm_outlives_its_client')
+
+
+@pytest.mark.parametrize('name', quickly(USUAL_DEFECTS, DEFECTS, several=False))
+def test_simulation_finds_a_reintroduced_old_defect(name: str) -> None:
+    seed, _ = DEFECTS[name]
+    assert finds(seed, name), f'search for another seed with {finds.__module__}'

@@ -9,11 +9,43 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from support.traps import sprung, trap_folder
 
 from epson_driver.demo.run import TOO_BUSY
 from epson_driver.processes.command import EXECUTABLES
 from epson_driver.processes.processes import free_ros_domain, ros_environment
+
+INSTALLED = (
+    'epson_driver',
+    'matplotlib',
+    'numpy',
+    'rclpy',
+    'rich',
+    'ruckig',
+    'websockets',
+    'yaml',
+)
+TRAP = """
+import os
+with open(os.path.join(os.path.dirname(__file__), 'PWNED'), 'a') as file:
+    print(__name__, file=file)
+raise ImportError('the trap ' + __name__)
+"""
+
+
+def trap_folder(parent: Path) -> Path:
+    """Return a new folder with a module for each standard module and dependency."""
+    folder = parent / 'traps'
+    folder.mkdir()
+    for name in {*sys.stdlib_module_names, *INSTALLED, 'sitecustomize', 'usercustomize'}:
+        (folder / f'{name}.py').write_text(TRAP, encoding='utf-8')
+    return folder
+
+
+def sprung(folder: Path) -> str:
+    """Return the executed modules, one per line."""
+    record = folder / 'PWNED'
+    return record.read_text(encoding='utf-8') if record.exists() else ''
+
 
 pytestmark = pytest.mark.invariant(7)
 
@@ -55,12 +87,6 @@ def ended(process: subprocess.Popen[str], *codes: int) -> str:
     output, errors = process.communicate(timeout=550)
     assert process.returncode in (codes or (0,)), output + errors
     return output
-
-
-def test_trap_folder_records_an_import_of_its_modules(tmp_path: Path) -> None:
-    made = trap_folder(tmp_path)
-    ended(started(made, sys.executable, '-m', 'epson_driver.cli', '--help'), 1)
-    assert sprung(made)
 
 
 @pytest.mark.parametrize(

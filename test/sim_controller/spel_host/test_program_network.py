@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Port objects of a SPEL+ program: rejections and unread bytes."""
+"""Port objects of a SPEL+ program: rejections and unread bytes, and its terminal."""
 
 import errno
 import os
@@ -9,7 +9,8 @@ import pytest
 from support.spel_program_harness import SpelProgramHarness
 
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
-from epson_driver.spel import NetSettings, SpelError
+from epson_driver.sim_controller.spel_run import Console
+from epson_driver.spel import Caller, NetSettings, SpelError
 
 SETTINGS = NetSettings('', 2001)
 
@@ -88,3 +89,22 @@ def test_input_waits_for_typed_text(caplog):
     harness.step(30.0)
     assert harness.printed == []
     assert harness.tasks == ['main waits main.prg:3']
+
+
+MAIN = Caller(1, 'main', 'main.prg', 3)
+
+
+def test_message_box_is_printed_and_cancelled(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    answer = Console().message_box(MAIN, 'Is the cell empty?', 4, 'Cell 4')
+    assert capsys.readouterr().out == 'MsgBox Cell 4: Is the cell empty? (answered with Cancel)\n'
+    assert answer == 2
+
+
+def test_typed_lines_are_read_in_order() -> None:
+    console = Console()
+    assert console.read_line() is None
+    console.typed('1')
+    console.typed('2')
+    assert [console.read_line() for _ in range(3)] == ['1', '2', None]
