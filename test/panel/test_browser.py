@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -24,7 +25,8 @@ from epson_driver.processes.processes import free_ros_domain
 
 pytestmark = pytest.mark.slow  # seconds, in a browser without a graphics card
 
-SIZES = [(1024, 768), (1600, 1000), (390, 844)]
+SIZES = [(1024, 768, False), (1600, 1000, True), (390, 844, False)]
+"""Widths and heights of windows, and whether they are dark."""
 
 
 @pytest.fixture(scope='module')
@@ -51,21 +53,25 @@ def default_timeouts(
 
 
 @pytest.fixture(scope='module')
+def flat() -> Iterator[Any]:
+    """A browser without 3D views."""
+    with chromium('--disable-3d-apis') as browser:
+        yield browser
+
+
+@pytest.fixture(scope='module')
 def page(panel: PanelProcess) -> Iterator[Page]:
     with chromium() as browser:
         yield Page(browser, panel.address)
 
 
 # Only one window can be armed: these tests come before the window that stays open.
-@pytest.mark.parametrize('dark', [False, True])
-@pytest.mark.parametrize('size', SIZES)
+@pytest.mark.parametrize(('width', 'height', 'dark'), SIZES)
 def test_page_works_and_fits_without_webgl(
-    size: tuple[int, int], dark: bool, panel: PanelProcess, cell: Cell
+    width: int, height: int, dark: bool, panel: PanelProcess, flat: Any
 ) -> None:
-    width, height = size
-    options = ['--disable-3d-apis', *(['--force-dark-mode'] if dark else [])]
-    with chromium(*options) as browser:
-        page = Page(browser, panel.address, {'width': width, 'height': height})
+    page = Page(flat, panel.address, {'width': width, 'height': height})
+    with closing(page.page):
         page.page.emulate_media(color_scheme='dark' if dark else 'light')
         page.wait_for_text_of('#view-note', 'No 3D view: this browser has no WebGL')
         page.lamp('Mode', 'good')
@@ -166,10 +172,10 @@ def start_swing(page: Page, cell: Cell) -> None:
 @pytest.mark.invariant(3)
 @pytest.mark.parametrize('what', [RENDERER, WHOLE_BROWSER])
 def test_frozen_window_stops_the_arm_before_the_end_of_its_motion(
-    what: bytes, cell: Cell, panel: PanelProcess
+    what: bytes, cell: Cell, panel: PanelProcess, flat: Any
 ) -> None:
-    with chromium('--disable-3d-apis') as browser:
-        page = Page(browser, panel.address)
+    page = Page(flat, panel.address)
+    with closing(page.page):
         page.lamp('Door', 'good')
         start_swing(page, cell)
         with stopped(what):
@@ -180,14 +186,14 @@ def test_frozen_window_stops_the_arm_before_the_end_of_its_motion(
 
 @pytest.mark.invariant(3)
 def test_undelivered_stop_shows_a_large_red_alarm(
-    cell: Cell, default_timeouts: PanelProcess
+    cell: Cell, default_timeouts: PanelProcess, flat: Any
 ) -> None:
     read_style = """(id) => {
         const each = document.querySelector(id), is = getComputedStyle(each);
         return [each.innerText, is.color, is.backgroundColor, is.fontSize];
     }"""
-    with chromium('--disable-3d-apis') as browser:
-        page = Page(browser, default_timeouts.address)
+    page = Page(flat, default_timeouts.address)
+    with closing(page.page):
         before = page.page.locator('#stop').bounding_box()
         for silent, place, why in (
             (cell.client, '#alarm', 'no reply from the driver within 0.5 s'),
@@ -209,11 +215,11 @@ def test_undelivered_stop_shows_a_large_red_alarm(
 
 
 @pytest.mark.invariant(3)
-def test_stop_without_a_driver_is_reported(tmp_path: Path) -> None:
+def test_stop_without_a_driver_is_reported(tmp_path: Path, flat: Any) -> None:
     panel = PanelProcess(tmp_path, free_ros_domain())
     try:
-        with chromium('--disable-3d-apis') as browser:
-            page = Page(browser, panel.address, link='')
+        page = Page(flat, panel.address, link='')
+        with closing(page.page):
             page.wait_for_text('advice', 'no driver found')
             assert page.button('Arm').is_disabled()
             page.page.keyboard.press('Escape')
@@ -333,8 +339,6 @@ def test_taught_points_of_page_and_driver_have_markers(page: Page, cell: Cell) -
         assert {'mine', 'theirs'} <= {*shown.get_attribute('data-points').split()}
         page.page.locator('#points li', has_text='mine').hover()
         page.wait(lambda: (page.picture() != before).any(), 'a larger marker')
-        if folder := os.environ.get('PICTURES'):
-            page.page.screenshot(path=f'{folder}/markers.png', full_page=True)
         page.button('Go to theirs').click()
         page.wait_for_text('log', 'to theirs: ')
         assert cell.peer.wait_until_still() == pytest.approx(there, abs=2e-3)

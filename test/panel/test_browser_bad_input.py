@@ -135,7 +135,7 @@ def test_driver_text_is_not_executed_and_does_not_break_layout(
         made = page.page.evaluate('() => document.querySelectorAll("img, script").length')
         stop = page.page.locator('#stop').bounding_box()
         for kind, names in NAMES.items():
-            for value in VALUES:
+            for value in VALUES if kind == 'usual' else VALUES[-1:]:
                 text = f'{kind} {value} {HTML} {LONG}'
                 for _ in range(4):
                     driver.publish(names, value, text)

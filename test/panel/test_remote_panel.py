@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panel in a browser, with a simulated controller that has no program loaded (`remote`)."""
 
-import os
 import re
 from collections.abc import Iterator
 from contextlib import closing
@@ -20,8 +19,6 @@ from support.panel_page import Page
 pytestmark = pytest.mark.slow
 
 SIZE = {'width': 1280, 'height': 900}
-PICTURES = os.environ.get('PANEL_PICTURES', '')
-"""Folder for screenshots of these tests. Empty: none."""
 
 
 @pytest.fixture(scope='module')
@@ -35,15 +32,10 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
 
 @pytest.fixture(scope='module')
 def page(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    panel = PanelProcess(tmp_path_factory.mktemp('panel'), cell.domain, patience=not PICTURES)
+    panel = PanelProcess(tmp_path_factory.mktemp('panel'), cell.domain)
     with chromium() as browser:
         yield Page(browser, panel.address, SIZE)
     assert panel.end() == 0
-
-
-def shot(page: Page, name: str) -> None:
-    if PICTURES:
-        page.page.screenshot(path=f'{PICTURES}/{name}.png')
 
 
 def test_step_and_move_to_a_point_or_to_the_start_are_one_motion_each(
@@ -59,7 +51,6 @@ def test_step_and_move_to_a_point_or_to_the_start_are_one_motion_each(
     page.page.get_by_label('Each press moves').select_option('5')
     page.button('joint_2 plus').click()
     page.wait_for_text('log', 'step of 2: ')
-    shot(page, 'step')
     moved = np.degrees(cell.peer.wait_until_still() - start)
     np.testing.assert_allclose(moved, [0, 5, 0, 0, 0, 0], atol=0.05)
     page.page.get_by_label('Each press moves').select_option('1')
@@ -77,7 +68,6 @@ def test_step_and_move_to_a_point_or_to_the_start_are_one_motion_each(
     np.testing.assert_allclose(cell.peer.wait_until_still(), start, atol=2e-3)
     page.button('Move to its start, slowly').click()
     page.wait_for_text('log', 'to the start of swing: ')
-    shot(page, 'start')
     assert page.page.locator('body.armed').count() == 1
     assert 'panel disarmed' not in page.text('log')
 
@@ -94,7 +84,6 @@ def test_unsupported_actions_are_disabled_with_the_reason(page: Page) -> None:
     page.page.locator('summary', has_text='Simulated pendant').click()
     assert page.page.locator('[data-press="Motors on"]').is_disabled()
     page.wait_for_text_of('#no-login', 'needs a Remote Ethernet login')
-    shot(page, 'disabled')
 
 
 @pytest.mark.invariant(1)
@@ -116,7 +105,6 @@ def test_estop_of_the_simulated_controller_is_pressed_and_reset(page: Page) -> N
     page.lamp('E-stop', 'bad')
     page.disarmed()
     page.wait_for_text('advice', 'release the E-stop, then press Arm, then Reset error')
-    shot(page, 'estop')
     page.armed()
     page.page.locator('[data-press="E-stop release"]').click()
     page.armed()

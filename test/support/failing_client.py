@@ -27,12 +27,8 @@ from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.io import io_client
 from epson_driver.link import Link
 from epson_driver.node import (
-    goal_server,
-    loop_bridge,
     messages,
     node,
-    parameters,
-    trajectory_messages,
 )
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.trace.trace import Trace
@@ -128,7 +124,6 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
     ('publish joints', messages.JointStateWriter, 'write', lambda: fail(AssertionError)),
     ('publish status', messages.RobotStatusWriter, 'write', lambda: fail(AssertionError)),
     ('publish feedback', messages, 'feedback'),
-    ('publish io', node.IoInterface, '_publish'),  # type: ignore[attr-defined]
     ('cancelled task', node.ClientNode, 'on_joints', cancel_this_task),
     # other functions in the loop
     ('callback', node.ClientNode, 'on_joints', in_loop(lambda loop: loop.call_soon(fail))),
@@ -152,23 +147,9 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
     ('thread', node.ClientNode, 'on_joints', fail_in_a_thread),
     # requests
     ('~/stop', arm_commands.ArmCommands, 'stop'),
-    ('~/enable', arm_commands.ArmCommands, 'enable'),
-    ('~/disable', arm_commands.ArmCommands, 'disable'),
-    ('~/reset_error', arm_commands.ArmCommands, 'reset_error'),
     ('exit of ~/reset_error', arm_commands.ArmCommands, '_act', leave),
     ('~/read_io', io_client.Io, 'read'),
-    ('~/write_io', io_client.Io, 'write'),
     ('~/set_speed_scaling', node.SpeedScalingInterface, '_set'),
-    ('goal', trajectory_messages.GoalRequests, 'checked_goal'),
-    ('trajectory', goal_server.GoalServer, 'take_trajectory'),
-    (
-        'cancel',
-        loop_bridge.LoopBridge,
-        'to_loop',
-        fail,
-        lambda _, function, *__: 'GoalQueue.cancel' in repr(function),
-    ),
-    ('parameter', parameters.Tracing, 'change'),
     # functions that may fail without stopping the arm
     ('trace', Trace, '_record'),
 )
