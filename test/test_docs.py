@@ -16,6 +16,7 @@ from support.pages import items
 from epson_driver.error_texts import ErrorText, ErrorTexts, load_error_texts, read_error_texts
 from epson_driver.inputs import InputError
 from epson_driver.share import share_path
+from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.remote.status_words import FLAGS
 
 ROOT = Path(__file__).parents[1]
@@ -120,6 +121,7 @@ EPSON = load_error_texts('epson')
 def test_error_numbers_have_meanings_remedies_and_sources():
     file = share_path('config', 'errors', 'epson.yaml').read_text('utf-8')
     sources = set(re.findall(r'^#   ([\w-]+)  ', file, re.MULTILINE))
+    assert set(ErrorNumber) <= set(EPSON)
     for number, text in EPSON.items():
         assert 0 <= number <= 9999
         assert text.meaning

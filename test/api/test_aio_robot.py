@@ -19,7 +19,6 @@ from epson_driver.aio import MotionError, Robot, RobotError, Settings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_kinds import parse
-from epson_driver.simple_message import IoType
 
 HOME = [0.0] * 6
 LONG = [2.0, 0.0, 0.0, 0.0, 0.3, 0.0]
@@ -73,11 +72,6 @@ async def test_trajectory_in_another_joint_order_is_executed():
         rows = np.linspace(0.0, 0.3, 4)[:, None] * [0, 0, 0, 0, 0, 1.0]
         await robot.move_trajectory([0.0, 0.5, 1.0, 1.5], rows, joint_names=names)
         assert np.abs(robot.joints - [0.3, 0, 0, 0, 0, 0]).max() < 0.01
-
-
-async def test_move_to_the_current_position_succeeds():
-    async with robot_cell() as (robot, _):
-        assert (await robot.move_joints(robot.joints)).text.startswith('at the goal')
 
 
 async def test_pose_is_computed_from_the_measured_joints():
@@ -220,19 +214,6 @@ async def test_paused_motion_of_every_kind_resumes(monkeypatch, profile, smooth,
         await motion.wait()
         assert not robot.status.paused
         assert robot.joints == pytest.approx(LONG, abs=0.01)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('profile', ['simulated', 'generic', 'motoman'])
-async def test_speed_scaling_slows_a_running_move(profile):
-    async with robot_cell(profile=profile, smooth=profile != 'generic') as (robot, _):
-        motion = await started(robot, 'joints')
-        await asyncio.sleep(0.5)
-        robot.set_speed_scaling(0.1)
-        await asyncio.sleep(motion.duration)
-        assert not motion.done
-        robot.set_speed_scaling(1.0)
-        await motion.wait()
 
 
 async def test_speed_scaling_is_rejected_if_the_controller_cannot_be_slowed():
@@ -522,18 +503,6 @@ async def test_io_access_without_an_io_port_is_rejected():
         async with Robot(motion_port=ports.motion, state_port=ports.state, io_port=0) as robot:
             with pytest.raises(RobotError, match='I/O is not used: its port is 0'):
                 await robot.io.read('DI', 0)
-
-
-@pytest.mark.parametrize('profile', one_in(2, ['rc700a', 'spel', 'motoman']))
-async def test_io_works_on_every_backend(profile):
-    async with robot_cell(profile=profile, enabled=False) as (robot, controller):
-        controller.io.set_input(IoType.DIGITAL_INPUT, 3, 1)
-        await until(lambda: not robot._connection.driver.io.reason)
-        assert await robot.io.read('DI', 3) == 1
-        await robot.io.write('DO', 3, 1)
-        assert await robot.io.read('DO', 3) == 1
-        with pytest.raises(RobotError, match='DI 9999: the controller has 0 to'):
-            await robot.io.read('DI', 9999)
 
 
 def test_gripper_opens_closes_holds_and_reports_stuck_jaws():

@@ -222,9 +222,7 @@ def robot_at(ports):
 
 COMMANDS = {
     'motors off': (('motors', 'off'), 'motors are off|refused'),
-    'motion link cut': (('fault', 'cut', 'port=motion', 'for=0.5'), 'motion link was lost'),
     'state link cut': (('fault', 'cut', 'port=state', 'for=0.5'), 'state link was lost'),
-    'servo error': (('fault', 'servo_error', 'joint=1'), 'error'),
 }
 
 

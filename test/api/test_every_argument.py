@@ -8,6 +8,8 @@ Methods and arguments are found by their signatures, so new ones are covered.
 import inspect
 import re
 from collections.abc import Callable, Iterator
+from contextlib import closing
+from functools import partial
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -21,9 +23,14 @@ from support.examples import one_in
 from epson_driver import EpsonPoint, GripperWiring, RobotError, Settings, aio
 from epson_driver.aio import ArgumentError
 from epson_driver.api.simulation import Simulation
+from epson_driver.api.threads import LoopThread
 
 HOME = [0.0, 0.2, 0.2, 0.0, -1.9, 0.0]
 HERE = EpsonPoint(0.0, 300.0, 500.0)
+POSE = [0.3, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0]
+NEAR = [0.3, 0.1, 0.5, 0.0, 1.0, 0.0, 0.0]
+FAR = [1.3, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0]
+UP = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 RECORDED = Path(__file__).parents[2] / 'config' / 'trajectories' / 'pick_and_place_20ms.yaml'
 
 OWNERS = {
@@ -106,6 +113,44 @@ FITS = {
 """Invalid values of the right type, by argument: they are rejected only on use."""
 
 
+MESSAGES: list[tuple[str, Callable[[aio.Robot], Any], str]] = [
+    ('degrees', lambda r: r.move_joints([90, 0, 0, 0, 0, 0]), 'look like degrees'),
+    (
+        'out of range',
+        lambda r: r.move_joints([3, *HOME[1:]]),
+        'position 3 rad is outside',
+    ),
+    ('speed', lambda r: r.move_joints(HOME, speed=2), r'speed = 2.*\(0, 1\]'),
+    ('no points', lambda r: r.move_waypoints([]), 'points has shape'),
+    ('times', lambda r: r.move_trajectory([2, 1], [HOME] * 2), 'must strictly increase'),
+    ('31 years', lambda r: r.move_trajectory([1e9], [HOME]), r'1e\+09 s: must be 86400 s'),
+    ('slow', lambda r: r.move_joints([0.1, *HOME[1:]], speed=1e-8), r'at most \d+ s \(100000 po'),
+    ('slow line', lambda r: r.move_line(NEAR, speed=1e-5), r'at most 5000 s \(100000 points'),
+    ('too fast', lambda r: r.move_trajectory([0.001], [[1.0, *HOME[1:]]]), 'joint_1'),
+    ('out of reach', lambda r: r.move_line(FAR), 'out of reach'),
+    ('pose', lambda r: r.move_joints(FAR), 'out of reach'),
+    ('name', lambda r: r.move_line('pick'), r'pose = .pick.: .* is robot.points.name'),
+    ('home', lambda r: r.move_joints('home'), r'target = .home.: .* is robot.points.name'),
+    ('inverse', lambda r: r.inverse(FAR), 'out of reach'),
+    ('mm', lambda r: r.move_line([300, 0, 500, *POSE[3:]]), 'positions are in m'),
+    ('mm/s', lambda r: r.move_line(POSE, speed=250), 'speed = 250: must be .* to 100 m/s'),
+    ('accuracy', lambda r: r.move_line(POSE, accuracy=0), 'accuracy = 0'),
+    ('path', lambda r: r.move_path([POSE, FAR]), 'out of reach'),
+    ('servo far', lambda r: r.servo([1.0, *HOME[1:]]), 'is refused'),
+    ('velocities', lambda r: r.servo_velocity([99] * 6), 'above the joint limit'),
+    ('servo_pose', lambda r: r.servo_pose(FAR), 'out of reach'),
+    ('twist frame', lambda r: r.servo_speed([0] * 6, frame='world'), "frame = 'world'"),
+    ('factor', lambda r: r.set_speed_scaling(nan), 'factor = nan: must be 0'),
+    ('index', lambda r: r.io.read('DI', -1), 'index = -1'),
+    ('no output', lambda r: r.io.write('DI', 3, 1), 'DI'),
+    ('tool speed', lambda r: r.set_tool(UP, max_speed=0), 'max_speed = 0'),
+    ('mass', lambda r: r.set_payload(-1), 'mass = -1: must be'),
+    ('taught name', lambda r: r.points.teach('p3'), "name = 'p3': must be a word"),
+    ('no file', lambda r: r.points.load('x.txt'), r'x\.txt: must be a \.pts, a \.csv or a \.yaml'),
+]
+"""Invalid calls and patterns of their errors."""
+
+
 def methods() -> Iterator[tuple[str, str]]:
     """Yield the public methods, each with its owner."""
     for owner, kind in OWNERS.items():
@@ -149,15 +194,18 @@ CASES = [
 ]
 
 
-async def result_of(method: Callable[..., Any], values: dict[str, Any]) -> Any:
-    """Return the method's result, awaited if needed."""
-    answer = method(**values)
-    return await answer if inspect.isawaitable(answer) else answer
+async def result_of(method: Callable[..., Any], *given: Any, **values: Any) -> Any:
+    """Return the method's result, awaited if needed, or its error."""
+    try:
+        answer = method(*given, **values)
+        return await answer if inspect.isawaitable(answer) else answer
+    except Exception as error:  # noqa: BLE001 - checked by the tests
+        return error
 
 
 @pytest.fixture(scope='module')
 def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], object]:
-    """Return each case's error or result, and the number of frames sent."""
+    """Return each case's error or result, the frames sent, and the arm's displacement."""
     results: dict[Any, object] = {}
 
     async def scenario() -> None:
@@ -171,17 +219,17 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], o
                 'point': HERE,
             }
             link = robot._connection.driver.motion_link
-            sent = link.statistics.frames_sent
+            before, sent = robot.joints, link.statistics.frames_sent
             for case in CASES:
                 owner, name, argument, what = case
                 method = getattr(owners[owner], name)
-                try:
-                    results[case] = await result_of(
-                        method, valid_arguments(method, name) | {argument: WRONG[what]}
-                    )
-                except Exception as error:  # noqa: BLE001 - checked by the tests
-                    results[case] = error
+                values = valid_arguments(method, name) | {argument: WRONG[what]}
+                results[case] = await result_of(method, **values)
+            for text, call, _ in MESSAGES:
+                results[text] = await result_of(call, robot)
+                await robot.servo_end()
             results['sent'] = link.statistics.frames_sent - sent
+            results['moved'] = float(np.abs(robot.joints - before).max())
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp('here'))
@@ -208,8 +256,32 @@ def test_invalid_argument_of_every_method_is_named(
             assert isinstance(answers[case], ArgumentError), case
 
 
-def test_invalid_method_arguments_send_nothing(answers: dict[Any, object]) -> None:
+@pytest.mark.parametrize(('name', 'expected'), [(name, text) for name, _, text in MESSAGES])
+def test_invalid_call_raises_one_sentence_with_field_and_value(
+    answers: dict[Any, object], name: str, expected: str
+) -> None:
+    error = answers[name]
+    assert isinstance(error, RobotError), error
+    assert isinstance(error, ArgumentError) or name in ('servo far', 'no output', 'too fast')
+    with pytest.raises(RobotError, match=expected):
+        raise error
+    assert '\n' not in str(error)
+
+
+def test_invalid_calls_send_nothing(answers: dict[Any, object]) -> None:
+    assert answers['moved'] == pytest.approx(0.0, abs=1e-9)
     assert answers['sent'] == 0
+
+
+def test_unknown_keyword_of_a_blocking_call_raises_and_does_not_hang() -> None:
+    with closing(LoopThread('test')) as loop:
+        with pytest.raises(TypeError, match='force'):
+            loop.run(partial(_close, force=3))  # type: ignore[call-arg]
+        assert loop.call(lambda: 7) == 7
+
+
+async def _close() -> None:
+    """Stand for a method of the API, such as `gripper.close`."""
 
 
 @pytest.mark.parametrize('name', CONSTRUCTORS)
@@ -244,9 +316,9 @@ def test_method_of_a_closed_robot_raises(owner: str, name: str) -> None:
         async with robot_cell() as (robot, _):
             pass
         method = getattr(robot if owner == 'robot' else getattr(robot, owner), name)
-        with pytest.raises(RobotError, match=r'no connection|did not start') as caught:
-            await result_of(method, valid_arguments(method, name))
-        assert '\n' not in str(caught.value)
+        error = await result_of(method, **valid_arguments(method, name))
+        assert isinstance(error, RobotError)
+        assert re.match('.*(no connection|did not start).*$', str(error))
 
     run(scenario())
 

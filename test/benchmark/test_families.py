@@ -7,10 +7,9 @@ Invariant 2 of docs/invariants.md.
 
 from functools import cache
 
-import numpy as np
 import pytest
 
-from benchmark import families, family_members
+from benchmark import families
 
 pytestmark = pytest.mark.invariant(2)
 
@@ -49,10 +48,3 @@ def test_tiny_steps_do_not_slow_down_a_long_motion() -> None:
     figures = families.run_family('mixed_sizes', (9003, 109))
     assert 0.0 < figures.commanded_ratio <= 1.1
     assert figures.stops == figures.failed == 0
-
-
-@pytest.mark.parametrize('name', family_members.FAMILIES)
-def test_family_members_are_within_position_limits(name: str) -> None:
-    for member in family_members.members(name):
-        assert np.all(member.positions >= member.limits.position_min)
-        assert np.all(member.positions <= member.limits.position_max)

@@ -1,19 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Drivers with one client and with two: goals, faults, state and shutdown."""
+"""The driver: goals, faults, state and shutdown."""
 
 import asyncio
-import contextlib
 import logging
 import struct
 from itertools import pairwise
 
 import numpy as np
 import pytest
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 from support.driver_harness import (
     JOINTS,
     Harness,
@@ -25,15 +20,12 @@ from support.driver_harness import (
     simulated,
 )
 from support.event_loop import now, until
-from support.spin_thread import SpinThread
 
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.remedy import Remedy
-from epson_driver.node.node import ClientNode
-from epson_driver.processes.processes import free_ros_domain
 from epson_driver.sim_controller.condition.states import Event
-from epson_driver.simple_message import ByteOrder, Dialect, Real, Status
+from epson_driver.simple_message import Status
 
 # --- goals ------------------------------------------------------------------------------------
 
@@ -97,18 +89,6 @@ async def test_inv3_replaced_goal_ends_after_the_arm_rests():
         assert await harness.rests()
 
 
-async def test_replacement_that_starts_where_the_arm_stops_is_executed():
-    async with cell() as (harness, _):
-        harness.driver.goal_queue.start_tolerance = 1.0
-        first = harness.submit(pose(1.0))
-        await harness.until_moving()
-        second = harness.submit(pose(0.2))
-        assert (await second.end()).end is End.SUCCEEDED
-        assert first.outcome.end is End.ABORTED
-        assert first.ended_at < second.ended_at
-        assert abs(harness.at[0] - 0.2) < 1e-6
-
-
 async def test_replacement_that_starts_elsewhere_is_refused():
     async with cell() as (harness, _):
         harness.driver.goal_queue.start_tolerance = 1e-4
@@ -133,21 +113,6 @@ async def test_newest_of_several_goals_is_executed():
         assert 'replaced by a newer goal before it could start' in second.outcome.text
         assert (await third.end()).end is End.SUCCEEDED
         assert first.outcome.end is End.ABORTED
-
-
-async def test_replacement_is_refused_if_stop_is_unanswered():
-    """An unanswered STOP leaves it unknown whether the arm is at rest."""
-    settings = GoalSettings(reply_timeout=0.2)
-    async with scripted_cell(lambda _: b'', settings=settings) as (harness, scripted):
-        first = harness.submit(pose(0.5))
-        second = harness.submit(pose(0.2))
-        await first.end()
-        assert 'standstill' in first.outcome.text
-        assert second.outcome.end is End.ABORTED
-        assert 'did not stop the arm' in second.outcome.text
-        await harness.commands.disable()
-        assert set(scripted.received) == {0, -4}
-        assert scripted.received.count(0) == 1
 
 
 async def test_motion_link_reconnects_after_a_missing_reply():
@@ -335,18 +300,6 @@ async def test_feedback_messages_are_joint_states():
         assert harness.events.samples[-1][1] is sample
 
 
-@pytest.mark.parametrize('real', Real)
-@pytest.mark.parametrize('order', ByteOrder)
-async def test_points_have_byte_order_and_real_width_of_the_state(order, real):
-    dialect = Dialect(order, real)
-
-    async with simulated(dialect) as (_, ports), Harness(ports) as harness:
-        await harness.ready()
-        await harness.commands.enable()
-        assert (await harness.submit(pose(0.1)).end()).end is End.SUCCEEDED
-        assert harness.driver.motion_link.dialect == dialect
-
-
 async def test_link_state_is_the_worse_of_both_links():
     async with simulated() as (_, ports):
         async with Harness(ports) as harness:
@@ -387,66 +340,6 @@ async def test_cancelled_driver_ends_its_goal():
         assert goal.outcome.end is End.ABORTED
         assert 'the driver ended' in goal.outcome.text
         await until(lambda: not controller.moving)
-
-
-PORTS = ('motion', 'state', 'io', 'remote')
-
-
-@pytest.fixture
-def make_node(monkeypatch):
-    """Return a function that makes a node, served by an executor, for a controller's ports."""
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=free_ros_domain())
-    executor = SingleThreadedExecutor(context=context)
-    nodes = []
-
-    def make(namespace, ports):
-        overrides = [Parameter(f'{port}_port', value=getattr(ports, port)) for port in PORTS]
-        node = Node('arm', namespace=namespace, context=context, parameter_overrides=overrides)
-        nodes.append(node)
-        executor.add_node(node)
-        return node
-
-    thread = SpinThread(executor)
-    thread.start()
-    yield make
-    thread.end()
-    for node in nodes:
-        node.destroy_node()
-    context.shutdown()
-
-
-@contextlib.asynccontextmanager
-async def driven(node):
-    """Run the client of a node."""
-    client = ClientNode(node)
-    task = asyncio.create_task(client.run())
-    yield client
-    await client.shut_down()
-    task.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        await task
-
-
-async def test_each_client_drives_its_arm_after_the_other_shuts_down(make_node):
-    async with (
-        simulated() as (_, its),
-        simulated() as (_, others),
-        driven(make_node('left', its)) as first,
-    ):
-        async with driven(make_node('right', others)) as second:
-            clients = (first, second)
-            await until(lambda: all(c.driver.robot.status for c in clients))
-            await until(lambda: all(c.driver.motion_link.connected for c in clients))
-            await second.commands.enable()
-            assert second.driver.gate.reason is None
-            assert first.driver.gate.reason is not None
-            await first.commands.enable()
-        seen = len(first.driver.robot.arrivals)
-        await until(lambda: len(first.driver.robot.arrivals) > seen + 20)
-        assert first.driver.gate.reason is None
-        assert not second.driver.state_link.connected
 
 
 async def test_estop_door_and_reset_of_a_disabled_arm_are_logged_once(caplog):

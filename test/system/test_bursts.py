@@ -6,13 +6,11 @@ The user's queues are deep here, too, because a full queue of the user drops rep
 (docs/ros_interface.md).
 """
 
-import random
 from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from action_msgs.msg import GoalStatus, GoalStatusArray
 from control_msgs.action import FollowJointTrajectory
 from epson_msgs.srv import ReadIo
 from rclpy.action import ActionClient
@@ -20,7 +18,6 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 from support.cell import START, Cell
 from support.ros_peer import PATIENCE, STATUS_NAMES, RosPeer, trajectory
-from unique_identifier_msgs.msg import UUID
 
 pytestmark = pytest.mark.invariant(5, 9)
 
@@ -75,51 +72,3 @@ def test_every_service_call_of_a_burst_is_answered(
     with peer.client(kind, f'epson_driver/{name}', qos_profile=DEEP) as client:
         answers = send_burst(peer, lambda: client.call_async(kind.Request()))
     assert len(answers) == COUNT
-
-
-ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED)
-
-
-@pytest.mark.soak
-def test_client_with_a_deep_queue_gets_every_reply_of_a_burst(
-    shared_cell: Cell, action: Any
-) -> None:
-    """Two clients take no reply until all goals have ended, which a third node observes.
-
-    They differ only in the depth of their queues, by default ten. So the driver sent all replies.
-    """
-    peer, observer = shared_cell.peer, RosPeer(shared_cell.domain)
-    name = 'epson_driver/follow_joint_trajectory'
-    usual = ActionClient(peer.node, FollowJointTrajectory, name)
-    goal = FollowJointTrajectory.Goal(trajectory=trajectory((0.1, peer.position().tolist())))
-    ended: set[bytes] = set()
-    observer.node.create_subscription(
-        GoalStatusArray,
-        f'{name}/_action/status',
-        lambda message: ended.update(
-            bytes(status.goal_info.goal_id.uuid)
-            for status in message.status_list
-            if status.status in ENDED
-        ),
-        1,
-    )
-    try:
-        assert usual.wait_for_server(PATIENCE)
-        for client, depth in ((action, COUNT), (usual, 10)):
-
-            def burst(client: Any = client) -> list[Any]:
-                sent = {random.randbytes(16) for _ in range(COUNT)}
-                ids = [UUID(uuid=list(number)) for number in sent]
-                futures = [client.send_goal_async(goal, goal_uuid=uuid) for uuid in ids]
-                observer.wait_for(lambda: sent <= ended, 'the end of each goal')
-                return futures
-
-            futures = peer.in_executor(burst)
-            peer.wait_for(
-                lambda f=futures, n=depth: sum(future.done() for future in f) >= n, 'answers'
-            )
-            peer.call('stop')  # gives time for one more reply
-            assert sum(future.done() for future in futures) == depth
-    finally:
-        peer.in_executor(usual.destroy)
-        observer.close()

@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
-from std_msgs.msg import Header
 from support.cell import LASTS, PROGRAMS, START, Cell, cell_with
 from support.ros_peer import JOINTS, trajectory
 
@@ -87,41 +85,6 @@ def test_trajectory_topic_moves_and_an_empty_trajectory_stops(shared_cell: Cell)
     assert 0.2 < position[0] < 1.4
     back = trajectory((0.0, position.tolist()), (0.5, START))
     assert peer.goal(back).result()[0] == 'succeeded'
-
-
-def stamped(message: Any, sec: int) -> Any:
-    message.header = Header(stamp=Time(sec=sec))
-    return message
-
-
-NAN = float('nan')
-BAD_GOALS: dict[str, tuple[Any, int, tuple[str, ...]]] = {
-    'unknown joint': (
-        trajectory((0.0, START), names=[*JOINTS[:5], 'elbow']),
-        -2,
-        ("'elbow'", 'joint_6'),
-    ),
-    'not a number': (
-        trajectory((0.0, START), (0.5, [NAN] * 6)),
-        -1,
-        ('point 1', 'joint_1', 'nan', 'not finite'),
-    ),
-    'old stamp': (stamped(there_and_back(), 1000), -3, ('header.stamp', 'ago', '0.6 s')),
-}
-
-
-@pytest.mark.parametrize('name', BAD_GOALS)
-def test_invalid_goal_is_rejected_with_its_reason_and_nothing_moves(
-    shared_cell: Cell, name: str
-) -> None:
-    message, code, words = BAD_GOALS[name]
-    peer = shared_cell.peer
-    before = peer.position()
-    ended, error_code, text = peer.goal(message).result()
-    assert (ended, error_code) == ('aborted', code), text
-    for word in words:
-        assert word in text
-    assert np.array_equal(peer.assert_still(), before)
 
 
 @pytest.mark.quick

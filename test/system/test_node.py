@@ -118,12 +118,6 @@ def test_driver_does_not_start_if_required_security_is_unavailable(
     ('arguments', 'words'),
     [
         ('--ros-args -p byte_order:=middle', ('byte_order', 'middle', 'auto, little, big')),
-        ('--ros-args -p motion_port:=eleven', ('motion_port', 'eleven')),
-        (
-            '--ros-args -p joint_names:=[]',
-            ('parameter joint_names = []', 'must be a list of unique names'),
-        ),
-        ('--ros-args -p robot_ip:=', ('Failed to parse ROS arguments', 'robot_ip')),
         (
             '--namespace=left --namespace=right --ros-args -p robot_model:=c9',
             ('/left/epson_driver: ', '/right/epson_driver: '),

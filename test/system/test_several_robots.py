@@ -6,14 +6,9 @@ import signal
 from contextlib import closing
 
 import pytest
-from rclpy.action import get_action_server_names_and_types_by_node
-from rclpy.node import Node
 from support.cell import LASTS
 from support.fleet import Fleet
 from support.ros_peer import trajectory
-
-ABSOLUTE = {'/diagnostics', '/rosout', '/parameter_events', '/tf_static'}
-"""Topics shared by all nodes, whose entries name the robot."""
 
 
 @pytest.fixture(scope='module')
@@ -27,35 +22,6 @@ def move(peer, by, seconds=0.5):
     """Send a goal for the first joint."""
     here = peer.position().tolist()
     return peer.goal(trajectory((0.0, here), (seconds, [here[0] + by, *here[1:]])))
-
-
-def names_of(peer, robot):
-    """Return the names of a node's publishers, subscribers, services and actions."""
-    queries = (
-        Node.get_publisher_names_and_types_by_node,
-        Node.get_subscriber_names_and_types_by_node,
-        Node.get_service_names_and_types_by_node,
-        get_action_server_names_and_types_by_node,
-    )
-    return {name for query in queries for name, _ in query(peer.node, 'epson_driver', f'/{robot}')}
-
-
-def test_names_and_diagnostics_are_those_of_each_robot(fleet):
-    names = [names_of(peer, robot) - ABSOLUTE for robot, peer in fleet.peers.items()]
-    assert '/left/epson_driver/follow_joint_trajectory' in names[0]
-    assert all(name.startswith('/left/') for name in names[0])
-    assert names[1] == {name.replace('/left/', '/right/', 1) for name in names[0]}
-    wanted = {
-        f'{robot}/epson_driver: state link': f'127.0.0.1:{ports.state}'
-        for robot, ports in fleet.ports.items()
-    }
-    peer = fleet.peers['left']
-
-    def shown():
-        parts = (status for array in peer.diagnostics for status in array.status)
-        return {part.name: part.hardware_id for part in parts if part.name in wanted}
-
-    peer.wait_for(lambda: shown() == wanted, 'diagnostics of both')
 
 
 def test_killed_controller_does_not_affect_the_other_robot(fleet):

@@ -11,13 +11,6 @@ from functools import cache
 import pytest
 
 from epson_driver.sim_controller.condition import states
-from epson_driver.sim_controller.condition.errors import (
-    ERRORS,
-    TEXTS,
-    ErrorNumber,
-    Rejection,
-    corrupt,
-)
 from epson_driver.sim_controller.condition.states import (
     REGIONS,
     Condition,
@@ -52,11 +45,6 @@ STORIES = {
         E-stop press: estop=PRESSED
         E-stop release: estop=LATCHED
         E-stop release:""",
-    'boot with a latched E-stop': """
-        E-stop press: estop=PRESSED tasks=ABORTED
-        boot: tasks=RUNNING
-        E-stop release: estop=LATCHED
-        boot: estop=CLEAR""",
     'door': """
         door close:
         motors on: motors=ON
@@ -147,24 +135,11 @@ STORIES = {
         continue! aborted: reset
         start! aborted: reset
         stop:
-        error:
         reset: tasks=RUNNING fault=NONE
-        motors on: motors=ON
-        motors off: motors=BRAKING
-        error: motors=OFF tasks=ABORTED fault=ERROR
-        critical error: fault=CRITICAL
+        critical error: tasks=ABORTED fault=CRITICAL
         motors on! boot the controller
         reset! boot the controller
-        boot: tasks=RUNNING fault=NONE
-        error: tasks=ABORTED fault=ERROR
-        boot: tasks=RUNNING fault=NONE
-        motors on: motors=ON
-        critical error: motors=OFF tasks=ABORTED fault=CRITICAL
-        error:
-        boot: tasks=RUNNING fault=NONE
-        motors on: motors=ON
-        motors off: motors=BRAKING
-        critical error: motors=OFF tasks=ABORTED fault=CRITICAL""",
+        error:""",
     'mode': """
         mode auto:
         motors on: motors=ON
@@ -331,19 +306,3 @@ def test_the_state_server_runs_in_every_condition():
         for task in (MOTION_SERVER, IO_SERVER):
             assert (task.state(condition) is TaskState.HALTED) is halted
             assert (task.state(condition) in (TaskState.NOT_RUNNING, TaskState.ABORTED)) is ended
-
-
-@pytest.mark.parametrize('number', ErrorNumber)
-def test_every_error_has_a_text(number):
-    assert TEXTS[number] == ERRORS[number].meaning != ''
-
-
-@pytest.mark.parametrize('number', set(ErrorNumber) - {0, 2998, 2999})
-def test_every_error_that_stops_motion_has_a_remedy(number):
-    assert ERRORS[number].remedy
-
-
-def test_rejection_with_a_subject_keeps_its_error_number():
-    assert corrupt('wrong').about('point 3') == Rejection(
-        ErrorNumber.CORRUPT_MESSAGE, 'point 3: wrong'
-    )

@@ -219,24 +219,6 @@ def test_commands_that_require_ready_are_refused_in_motion(name):
         assert answer == f'#{name},0'
 
 
-def test_requirements_match_the_manual():
-    """RC+ user's guide, Remote Ethernet. Built-in programs accept SetMotorsOff in motion."""
-    needs = {
-        name: ' '.join(need.text for need in COMMANDS[name].requirements) for name in COMMANDS
-    }
-    sound = 'Auto no EStop no Safeguard no Error Ready'
-    assert needs['Start'] == needs['Home'] == needs['Execute'] == sound
-    assert needs['SetMotorsOn'] == 'Auto no EStop no Safeguard Ready'
-    assert needs['Reset'] == needs['SetCurRobot'] == needs['SetVariable'] == 'Auto Ready'
-    assert needs['Stop'] == needs['Abort'] == 'Auto'
-    assert needs['SetMotorsOff'] == 'Auto no SPEL+ program'
-    assert needs['Pause'] == 'Auto tasks run'
-    assert needs['Continue'] == 'Auto Paused'
-    assert needs['SetIO'] == needs['SetIOByte'] == 'Ready'
-    assert needs['SetIOWord'] == needs['SetMemIO'] == needs['SetMemIOWord'] == 'Auto Ready'
-    assert not any(needs[name] for name in COMMANDS if name.startswith(('Get', 'Log')))
-
-
 def test_io_is_read_and_written_as_bits_bytes_and_words(remote):
     io = remote.controller.io
     assert remote('SetIO,3,1') == '#SetIO,0'
