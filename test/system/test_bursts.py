@@ -21,7 +21,7 @@ from support.ros_peer import PATIENCE, STATUS_NAMES, RosPeer, trajectory
 
 pytestmark = pytest.mark.invariant(5, 9)
 
-COUNT = 200
+COUNT = 60
 DEEP = QoSProfile(depth=1000)
 
 

@@ -4,14 +4,14 @@
 
 import json
 import re
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from support.here import run_here
 
+from epson_driver.cli import demo as command
 from epson_driver.demo.run import TOO_BUSY
 from epson_driver.share import share_path
 
@@ -81,7 +81,7 @@ def test_demo_compares_the_spel_and_the_built_in_program(tmp_path: Path) -> None
     ],
 )
 def test_demo_rejects_invalid_arguments(arguments: list[str], words: str) -> None:
-    run = demo(*arguments)
+    run = run_here(command.main, *arguments)
     assert run.returncode == 2
     assert words in run.stderr
 
@@ -102,25 +102,6 @@ def test_demo_reports_an_invalid_file(tmp_path: Path) -> None:
     assert '-2.96706' in words
     page = (tmp_path / 'bad.html').read_text(encoding='utf-8')  # report of the motion before
     assert 'Content-Security-Policy' in page
-
-
-def test_interrupted_demo_leaves_no_process(tmp_path: Path) -> None:
-    run = subprocess.Popen(
-        [sys.executable, '-m', 'epson_driver.cli', 'demo', f'--picture={tmp_path / "x.png"}'],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert run.stdout is not None
-    assert 'sim_controller: simulated' in run.stdout.readline()
-    children = Path(f'/proc/{run.pid}/task/{run.pid}/children').read_text().split()
-    run.send_signal(signal.SIGINT)
-    run.stdout.read()
-    assert run.wait(60) == 130
-    assert children
-    until = time.monotonic() + 10
-    while any(Path(f'/proc/{child}').exists() for child in children):
-        assert time.monotonic() < until, 'a child of the demo is still running'
-        time.sleep(0.05)
 
 
 def test_demo_compares_smooth_and_point_to_point(tmp_path: Path) -> None:

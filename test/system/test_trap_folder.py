@@ -115,7 +115,7 @@ def test_program_moves_a_simulated_robot(folder: Path) -> None:
 @pytest.mark.parametrize(
     'words',
     [
-        ['demo'],
+        pytest.param(['demo'], marks=pytest.mark.soak),
         ['exercise', '--fault=pause', '--timeout=150', '--', sys.executable, str(PROGRAM)],
     ],
     ids=lambda words: words[0],
