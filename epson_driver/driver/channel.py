@@ -96,6 +96,7 @@ def make_channel(
             cycle=configuration.cycle,
             period=configuration.state_period,
             timeout=configuration.state_timeout,
+            errors=configuration.errors,
             connect=connect,
         )
     else:

@@ -17,6 +17,8 @@ from typing import NoReturn
 
 import numpy as np
 
+from epson_driver.error_texts import ErrorText, ErrorTexts
+from epson_driver.inputs import printable
 from epson_driver.link.connection import (
     Address,
     ReceiveTimeout,
@@ -43,6 +45,7 @@ from epson_driver.rtmc.messages import (
     RtmcMessage,
     RtmcStatus,
     decode,
+    decode_text,
 )
 from epson_driver.rtmc.session import RefusedError, RtmcSession
 from epson_driver.rtmc.stream_feeder import StreamFeeder
@@ -75,6 +78,7 @@ class RtmcLink(Link):
 
     `limits`: limits of the joints that the controller uses. `model`: name of the robot model.
     `cycle`: time between two targets, s. The link is lost if no message arrives for `timeout` s.
+    `errors`: table of error texts, to which the controller's own texts are added.
     """
 
     def __init__(
@@ -90,6 +94,7 @@ class RtmcLink(Link):
         cycle: float = 0.002,
         period: float = 0.02,
         timeout: float = 1.0,
+        errors: ErrorTexts | None = None,
         connect: Connect,
     ) -> None:
         self._transport: Transport | None = None
@@ -99,6 +104,8 @@ class RtmcLink(Link):
         self._password = password
         self._period = period
         self._open = connect
+        self._errors = errors
+        self._asked = 0  # error number whose text was requested
         self._silence = ReceiveTimeout(timeout)
         self.session: RtmcSession | None = None
         self._sender: int | None = None  # of the messages of this session
@@ -284,7 +291,17 @@ class RtmcLink(Link):
             positions = self.session.positions(joints)
             self._in_motion = bool(np.any(np.abs(np.subtract(positions, self.joints)) > SAME))
             self._on_joints(positions, self.last_received)
+        if self._status is not None and self._status.error != self._asked:
+            await self._learn_text(self._status.error)
         self._publish_status()
+
+    async def _learn_text(self, error: int) -> None:
+        """Request the text of an error number that the table lacks."""
+        self._asked = error
+        if error and self._errors is not None and error not in self._errors:
+            with contextlib.suppress(RefusedError):
+                if text := decode_text((await self.ask(Request.MESSAGES, error)).data):
+                    self._errors[error] = ErrorText(printable(text))
 
     async def ask(self, number: Request, low: int = 0, data: bytes = b'\0') -> RtmcMessage:
         """Send a request, and return the reply.

@@ -75,6 +75,8 @@ WEIGHT_DATA = struct.Struct('<d')
 ECCENTRIC_DATA = struct.Struct('<dH')
 ECCENTRIC_REPLY_DATA = struct.Struct('<dH6x')
 
+MAX_TEXT_BYTES = 200  # of an error text, which is shown in one line
+
 REPLY_DATA: dict[int, struct.Struct] = {
     Request.STATUS_NOTICE: STATUS_DATA,
     Request.JOINTS_NOTICE: JOINTS_DATA,
@@ -204,6 +206,14 @@ class RtmcStatus:
             mode=Mode.AUTO if auto else Mode.MANUAL,
             motion_possible=motors if possible else TriState.FALSE,
         )
+
+
+def decode_text(data: bytes) -> str:
+    """Return the text of the error in a reply to MESSAGES, or '' if there is none."""
+    start = NUMBER_DATA.size + int.from_bytes(data[: NUMBER_DATA.size], 'little')
+    size = int.from_bytes(data[start : start + NUMBER_DATA.size], 'little')
+    text = data[start + NUMBER_DATA.size :][: min(size, MAX_TEXT_BYTES)]
+    return text.rstrip(b'\0').decode(errors='replace')
 
 
 def encode_text(error: str) -> bytes:

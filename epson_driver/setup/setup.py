@@ -18,7 +18,7 @@ from epson_driver.driver.servo.setpoint import ServoSettings
 from epson_driver.driver.smoothing import Smoothing, check_tolerance
 from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.driver.state.plausibility import Margins
-from epson_driver.error_texts import load_error_texts
+from epson_driver.error_texts import ErrorTexts, load_error_texts
 from epson_driver.inputs import InputError
 from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.point_to_point import straight
@@ -183,7 +183,7 @@ def _configuration(
         byte_order=BYTE_ORDERS[values['byte_order']],
         state_timeout=values['state_timeout'],
         limits=model.limits,
-        errors=load_error_texts(values['error_texts']),
+        errors=ErrorTexts(load_error_texts(values['error_texts'])),
         delivery=delivery_rules(profile, values['interface'], values['point_message']),
         mapping=joint_mapping(
             len(model.joint_names),

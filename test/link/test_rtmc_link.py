@@ -17,9 +17,10 @@ from support.rtmc_cell import CYCLE, MODEL, goal, rtmc_cell, usage
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.inhibit import Purpose
 from epson_driver.driver.outcome import End
+from epson_driver.error_texts import ErrorTexts, load_error_texts
 from epson_driver.robots import load_robot_model
 from epson_driver.rtmc import transport
-from epson_driver.rtmc.messages import MOVED_DATA, Request, RtmcMessage, decode
+from epson_driver.rtmc.messages import MOVED_DATA, Request, RtmcMessage, decode, decode_text
 from epson_driver.rtmc.transport import Arrival
 from epson_driver.sim_controller.condition.states import Event, Motors, Power
 from epson_driver.simple_message import TriState
@@ -167,6 +168,36 @@ async def test_inv4_event_ends_the_goal_and_nothing_moves_afterwards(monkeypatch
         assert await silent(cell)
         assert harness.at == pytest.approx(stopped, abs=0.05)
         assert (await goal(harness, pose(0.1)).end()).end is End.SUCCEEDED
+
+
+async def test_controllers_own_text_of_an_unknown_error_is_requested_once(monkeypatch):
+    texts = ErrorTexts(load_error_texts())
+    async with rtmc_cell(monkeypatch, errors=texts) as (harness, cell):
+        cell.controller.raise_error(4321, text='Robot 1: a tool is\nmissing')
+        await asyncio.sleep(0.5)
+        text = harness.driver.why_not(Purpose.REPORT, now()).text
+        assert 'in error 4321 (Robot 1: a tool is\\nmissing)' in text
+        assert cell.numbers.count(Request.MESSAGES) == 1
+        cell.controller.apply(Event.RESET)
+        cell.controller.raise_error(5042, text='another')
+        await asyncio.sleep(0.5)
+        assert texts[5042] == load_error_texts()[5042]
+        assert 4321 not in load_error_texts()
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize(
+    ('data', 'text'),
+    [
+        (b'', ''),
+        (bytes(4), ''),
+        (b'\3\0abc\5\0hot\xff\0', 'hot\ufffd'),
+        (b'\xff\xff' + bytes(9), ''),
+        (b'\0\0\xff\xff' + b'x' * 999, 'x' * 200),
+    ],
+)
+def test_inv7_any_reply_has_an_error_text_or_none(data, text):
+    assert decode_text(data) == text
 
 
 @pytest.mark.invariant(2)
