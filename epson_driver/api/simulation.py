@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import signal
 from collections.abc import Callable, Sequence
+from typing import TextIO
 
 from epson_driver.api.errors import RobotError, checked_arguments
 from epson_driver.api.ownership import Unique
@@ -33,11 +34,12 @@ class SimulatedController:
     """Runs `sim_controller` as a separate process, on free ports of this machine.
 
     The process runs in a separate session, so Ctrl-C does not reach it. It ends together with this
-    process, because it watches its standard input.
+    process, because it watches its standard input. `log`: where to write its stderr.
     """
 
-    def __init__(self, arguments: Sequence[str]) -> None:
+    def __init__(self, arguments: Sequence[str], log: TextIO | None = None) -> None:
         self._arguments = arguments
+        self._log = log
         self._process: asyncio.subprocess.Process | None = None
         self._reported = ''
         self._listening: asyncio.Task[None] | None = None
@@ -84,7 +86,10 @@ class SimulatedController:
     async def _listen(self, stream: asyncio.StreamReader) -> None:
         """Read the process's stderr, so that it never blocks on a full pipe."""
         while block := await stream.read(2**16):
-            self._reported = (self._reported + block.decode(errors='replace'))[-MAX_CHARACTERS:]
+            text = block.decode(errors='replace')
+            self._reported = (self._reported + text)[-MAX_CHARACTERS:]
+            if self._log is not None:
+                self._log.write(text)
 
     async def close(self) -> None:
         """End the process."""

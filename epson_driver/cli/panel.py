@@ -7,17 +7,22 @@ import asyncio
 import logging
 import signal
 import sys
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
 from epson_driver.aio import Robot
 from epson_driver.api.ownership import Page
-from epson_driver.cli.arguments import FREE_PORT, Parser, host
+from epson_driver.api.simulation import SimulatedController
+from epson_driver.cli.arguments import DEFAULT_MODEL, FREE_PORT, Parser, host
+from epson_driver.cli.spel_options import DEFAULT_CONTROLLER, add_changes, changes_of
 from epson_driver.inputs import InputError, printable
 from epson_driver.panel import INSTALL, missing
 from epson_driver.processes.interrupt import ended_by_signals, ending_signals
 from epson_driver.processes.ros_shell import ros_problem
 from epson_driver.setup.robot_file import is_robot_file
+from epson_driver.spel import read_settings
+from epson_driver.spel.errors import SETTINGS_FILE
 
 PORT = 8080
 
@@ -69,6 +74,8 @@ def _words() -> tuple[list[str], bool]:
 def _check(
     parser: argparse.ArgumentParser, options: argparse.Namespace, *, without_ros: bool
 ) -> None:
+    if options.program and not options.simulated:
+        parser.error('--program: needs --simulated')
     if not without_ros:
         if options.file:
             parser.error(f'{printable(options.file)}: {SHOWS_DRIVERS}')
@@ -82,6 +89,21 @@ def _check(
 
 class _ShownRobot(Robot):
     """A Robot that opens the panel with the options of the command line."""
+
+    @classmethod
+    def running(cls, options: argparse.Namespace, chosen: Mapping[str, str]) -> '_ShownRobot':
+        """Return a robot whose simulated controller runs a SPEL+ project."""
+        path: Path = options.program
+        folder = path if path.is_dir() else path.parent
+        names = {'controller': chosen.get('controller'), 'robot': chosen.get('model')}
+        settings = read_settings(folder, options.set, **names)
+        model = settings.robot or DEFAULT_MODEL
+        controller = settings.controller or DEFAULT_CONTROLLER
+        words = [f'--program={path}', f'--robot={model}', f'--controller={controller}']
+        robot = cls(controller='remote', model=model)
+        words += changes_of(options)
+        robot._connection.simulation = SimulatedController(words, log=sys.stderr)
+        return robot
 
     async def page(self, options: argparse.Namespace) -> Page:
         from epson_driver.panel.page import show
@@ -103,7 +125,9 @@ async def _one_robot(options: argparse.Namespace) -> int:
     """
     names = {'controller': options.controller, 'model': (options.robot or [None])[0]}
     chosen = {name: value for name, value in names.items() if value}
-    if options.simulated:
+    if options.program is not None:
+        robot = _ShownRobot.running(options, chosen)
+    elif options.simulated:
         robot = _ShownRobot.simulated(**chosen)
     else:
         robot = _ShownRobot(options.file, **chosen)
@@ -152,6 +176,7 @@ def _parser() -> argparse.ArgumentParser:
         'Show the robots in a browser: 3D view, status, curves, log and buttons.',
         (
             'panel --simulated --robot c4_a601s',
+            'panel --simulated --program my_project',
             'panel --port 8081 --robot /left/epson_driver --allow-motion',
             'panel robot.yaml --no-ros --allow-motion',
         ),
@@ -165,6 +190,13 @@ def _parser() -> argparse.ArgumentParser:
         help='file of `epson_driver connect`: connect to this robot, without ROS',
     )
     parser.option('--simulated', 'start and show a simulated robot, without ROS')
+    parser.option(
+        '--program FOLDER',
+        'with --simulated: SPEL+ project that the controller runs, with the settings of its '
+        f'{SETTINGS_FILE}',
+        Path,
+    )
+    add_changes(parser)
     parser.option('--no-ros', 'connect to the robot although ROS is there')
     parser.option(
         '--controller PROFILE',

@@ -64,6 +64,11 @@ from epson_driver.spel import Program, Settings, read_project
 
 _PORTS = Ports()
 
+PANEL_NEEDS_DRIVER = (
+    'the panel shows robots with a driver; without one: '
+    'epson_driver panel --simulated --program {}'
+)
+
 NOT_FOR_PROGRAMS = {
     'motion': 'its motion itself',
     'look_ahead': 'itself how many points it accepts ahead',
@@ -189,6 +194,8 @@ async def _run(
         )
         panel = None
         if args.panel:  # a separate process, because it needs ROS
+            if args.program is not None:
+                print(PANEL_NEEDS_DRIVER.format(args.program), file=sys.stderr)
             command = module_command('epson_driver.cli', 'panel')
             panel = await asyncio.create_subprocess_exec(*command)
         try:

@@ -45,6 +45,10 @@ def add_program_options(parser: Parser) -> None:
     parser.option(
         '--controller PROFILE', f'controller profile, or a .yaml file {text} {DEFAULT_CONTROLLER})'
     )
+    add_changes(parser)
+
+
+def add_changes(parser: Parser) -> None:
     parser.option(
         '--define NAME=VALUE',
         'new value for a #define line of the SPEL+ project, empty to disable it (repeatable)',
@@ -53,6 +57,12 @@ def add_program_options(parser: Parser) -> None:
         action='append',
     )
     add_set(parser)
+
+
+def changes_of(arguments: argparse.Namespace) -> list[str]:
+    """Return the options of `add_changes` for the command line of another process."""
+    defines = [f'--define={name}={value}' for name, value in arguments.define]
+    return [*defines, *(f'--set={text}' for text in arguments.set)]
 
 
 def settings_of(arguments: argparse.Namespace, folder: Path | None) -> Settings:

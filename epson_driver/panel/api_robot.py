@@ -135,7 +135,7 @@ class ApiRobot:
         state, robot, goals = self.state, driver.robot, driver.goal_queue
         sample, execution = robot.sample, goals.execution
         state.link = driver.link_state.value
-        if sample is not None:
+        if sample is not None and not robot.joints_unavailable:
             state.joint_names, state.positions = self._names, sample.positions
             state.measured, state.times['joints'] = sample.measured, sample.time
             if execution is not None and execution.desired is not None:

@@ -16,7 +16,15 @@ import numpy as np
 from epson_driver.motion import Array, Trajectory
 from epson_driver.panel.arming import Arming
 from epson_driver.panel.jog import Jog
-from epson_driver.panel.robot_state import ERROR, INFO, WARN, RequestError, Robot
+from epson_driver.panel.robot_state import (
+    ERROR,
+    INFO,
+    MAX_AGES_S,
+    WARN,
+    RequestError,
+    Robot,
+    Simulation,
+)
 from epson_driver.panel.sim_pendant import NotSimulatedError, SimPendant
 from epson_driver.remote_ethernet.hand import ACTIONS, Action, UsageError, action
 from epson_driver.robots import RobotModel, load_robot_model
@@ -110,11 +118,24 @@ class RobotControl:
             state.times.pop('simulation', None)
         else:
             state.simulation, state.times['simulation'] = latest
+            self._take_simulated_joints(*latest)
         self.arming.watch()
         requested_at = self._stop_requested_at
         if requested_at is not None and self._clock() - requested_at > STOP_ANSWER_S:
             self._stop_requested_at = None
             self._raise_alarm(f'no reply from the driver within {STOP_ANSWER_S:g} s')
+
+    def _take_simulated_joints(self, simulation: Simulation, arrival: float) -> None:
+        """Take the joints of a program that runs, which a controller withholds from the driver."""
+        state, model = self.robot.state, self.model
+        withheld = state.age('joints withheld', self._clock())
+        wanted = withheld is not None and withheld < MAX_AGES_S['joints']
+        if self._pendant is not None:
+            self._pendant.joints_wanted = wanted
+        if wanted and model is not None and len(simulation.joints) == len(model.joint_names):
+            state.joint_names = model.joint_names
+            state.positions = np.array(simulation.joints) / model.shown_per_unit
+            state.measured = state.times['joints'] = arrival
 
     def end(self) -> None:
         self.arming.disarm('the robot has disappeared')

@@ -63,11 +63,13 @@ class Status:
 class Simulation:
     """The report of a simulated controller.
 
-    `condition` contains items such as {'estop': 'not active'}.
+    `condition` contains items such as {'estop': 'not active'}. `joints`: positions in displayed
+    units while a program runs, else ().
     """
 
     condition: Mapping[str, str]
     faults: tuple[str, ...] = ()
+    joints: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

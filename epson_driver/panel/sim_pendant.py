@@ -56,6 +56,7 @@ class SimPendant:
         self.host, self.port = host, port
         self.real = False  # whether the controller has answered that it is not simulated
         self.latest: tuple[Simulation, float] | None = None  # report, and its arrival, s
+        self.joints_wanted = False  # whether the controller reports no joints to the driver
         self._loop = loop
         self._clock = clock
         self._commands: asyncio.Queue[tuple[Action, Say]] = asyncio.Queue()
@@ -99,7 +100,7 @@ class SimPendant:
         while True:
             await self._poll(ask)
             try:
-                async with asyncio.timeout(POLL_PERIOD_S):
+                async with asyncio.timeout(POLL_PERIOD_S / (4 if self.joints_wanted else 1)):
                     command, say = await self._commands.get()
             except TimeoutError:
                 continue
@@ -128,7 +129,11 @@ class SimPendant:
         parts = (await _in_time(ask('Sim,condition'))).split(';')
         faults = (await _in_time(ask('Sim,fault,list'))).split(';')
         condition = dict(part.split('=', 1) for part in parts)
-        self.latest = Simulation(condition, tuple(filter(None, faults))), self._clock()
+        joints = ''
+        if self.joints_wanted and await _in_time(ask('Sim,tasks')):
+            joints = await _in_time(ask('Sim,joints'))
+        places = tuple(map(float, joints.split()))
+        self.latest = Simulation(condition, tuple(filter(None, faults)), places), self._clock()
 
     def _refuse_waiting(self) -> None:
         while not self._commands.empty():

@@ -298,9 +298,34 @@ def test_simulated_panel_works_in_a_browser_without_ros() -> None:
         process.communicate()
 
 
+@pytest.mark.slow
+def test_simulated_panel_shows_the_joints_of_a_project_that_runs(tmp_path: Path) -> None:
+    text = 'Function main\n  Motor On\n  Print "moves"\n  Go P1\n  Wait Sw(5) = On\nFend\n'
+    (tmp_path / 'main.prg').write_text(text)
+    settings = 'robot: t6_602s\nsetup: P1 = JA(30, -20, -50, 10)\n'
+    (tmp_path / 'spel.yaml').write_text(settings)
+    changed = '--set=setup=P1 = JA(30, -20, -70, 10)'
+    process = command('--simulated', f'--program={tmp_path}', changed)
+    try:
+        assert process.stdout is not None
+        address = process.stdout.readline().split()[1]
+        with chromium() as browser:
+            page = Page(browser, address)
+            for joint, value in enumerate(('30.0 °', '-20.0 °', '-70.0 mm', '10.0 °')):
+                page.page.locator('.joint', has_text=value).nth(0).wait_for()
+                assert value in page.page.locator('.joint').nth(joint).inner_text()
+            assert page.page.locator('.joint').count() == 4
+            assert page.errors == []
+    finally:
+        process.terminate()
+        _, log = process.communicate()
+    assert 'moves' in log
+
+
 @pytest.mark.parametrize(
     ('arguments', 'code', 'text'),
     [
+        (['--program=x'], 2, '--program: needs --simulated'),
         ([], 1, 'the Python module rclpy is missing: add --simulated or robot.yaml'),
         (['--no-ros'], 2, 'needs robot.yaml or --simulated'),
     ],
