@@ -17,6 +17,7 @@ from epson_driver.cli.spel_options import add_program_options, add_set
 from epson_driver.inputs import InputError, Rule, count, number, printable, read_file, write_file
 from epson_driver.spel import Problem, ProgramError, read_project, read_settings
 from epson_driver.spel.commands import CONTROLLERS, VERSIONS
+from epson_driver.spel.expressions import is_point_literal
 from epson_driver.spel.formatting import formatted
 from epson_driver.spel.lint import check
 from epson_driver.spel.project_data import INCLUDE, LARGEST_FILE, PROGRAM, PROJECT, decoded
@@ -231,6 +232,13 @@ def _points(arguments: argparse.Namespace) -> int:
     points = TaughtPoints()
     points.load(arguments.file)
     if arguments.to is not None:
+        if arguments.to.suffix.lower() in ('.yaml', '.yml'):
+            usable = points.places
+            omitted = [name for name in points if is_point_literal(name) or name not in usable]
+            for name in omitted:
+                points.remove(name)
+            if omitted:
+                print(f'{len(omitted)} points without label or position omitted', file=sys.stderr)
         points.save(arguments.to)
         return 0
     rows = [('', 'label', *'XYZUVW', 'flags', 'description'), *points.table()]

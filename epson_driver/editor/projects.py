@@ -19,6 +19,8 @@ from epson_driver.spel.words import reserved
 LONGEST_POINT_LABEL = 16
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*\$?')
 _JUMP = re.compile(r"[^'\"]*\b(goto|gosub|eresume)\s+\w*$", re.IGNORECASE)
+_BIT = re.compile(r'\b(on|off|oport|sw|memon|memoff|memsw)\b[ (]*(\d+)\b', re.IGNORECASE)
+_START = re.compile(r'main\d*|bgmain', re.IGNORECASE)
 _LIMITS = {'function': LONGEST_FUNCTION_NAME, 'point': LONGEST_POINT_LABEL}
 
 
@@ -101,6 +103,19 @@ class Project:
                 return match.group()
         return ''
 
+    def bit_at(self, name: str, line: int, column: int) -> Symbol | None:
+        """Return the label of the I/O bit whose number is at a position, as in `On 5`."""
+        for match in _BIT.finditer(self.symbols.files[name].lines[line]):
+            if match.start(2) <= column <= match.end(2):
+                word = match[1].lower()
+                kind = 'memory' if word[:3] == 'mem' else 'input' if word == 'sw' else 'output'
+                bit = f'{kind} bit {int(match[2])}'
+                for symbols in self.symbols.names.values():
+                    for symbol in symbols:
+                        if symbol.kind == 'io' and symbol.detail.partition(':')[0] == bit:
+                            return symbol
+        return None
+
     def renamed(self, symbol: Symbol, new: str) -> dict[str, list[tuple[Place, str]]]:
         """Return the changes of each file that rename a symbol.
 
@@ -125,6 +140,9 @@ class Project:
 
     def _check_name(self, symbol: Symbol, new: str, places: list[Place]) -> None:
         limit = _LIMITS.get(symbol.kind, LONGEST_NAME)
+        for name in (symbol.name, new) if symbol.kind == 'function' else ():
+            if _START.fullmatch(name):
+                raise RenameError(f'the controller starts {name} by its name')
         if is_point_literal(symbol.name):
             raise RenameError(f'{symbol.name} is the number of a point: only labels have names')
         if not _NAME.fullmatch(new) or is_point_literal(new):

@@ -297,7 +297,10 @@ def hover(ls: SpelServer, parameters: lsp.HoverParams) -> lsp.Hover | None:
     if known is None:
         return None
     project, name = known
-    text = word_help(project.word_at(name, *ls.position(project, name, parameters.position)))
+    line, column = ls.position(project, name, parameters.position)
+    if (bit := project.bit_at(name, line, column)) is not None:
+        return lsp.Hover(_markdown([f'```spel\n{bit.name}: {bit.detail}\n```']))
+    text = word_help(project.word_at(name, line, column))
     return lsp.Hover(_markdown([text])) if text else None
 
 
@@ -349,6 +352,14 @@ _ARGUMENTS = {
 }
 
 
+_EXCEPTIONS = {
+    'reset': 'in NoEmgAbort and background tasks only Reset Error',
+    'restart': 'of NoEmgAbort and background tasks only in a task of Trap Error',
+    'xqt': 'not in NoEmgAbort tasks',
+}
+"""Notes of manual page 917 on words that are not for NoEmgAbort and background tasks."""
+
+
 def _arguments(form: str) -> str:
     result = ''
     for place, kind in enumerate(form.split(',') if form else []):
@@ -387,5 +398,5 @@ def word_help(name: str) -> str | None:
     if word.since > FIRST:
         notes.append(f'since RC+ {".".join(map(str, word.since))}')
     if not word.background:
-        notes.append('not in NoEmgAbort and background tasks')
+        notes.append(_EXCEPTIONS.get(key, 'not in NoEmgAbort and background tasks'))
     return '\n'.join([*lines, '```', '; '.join(notes)])

@@ -423,4 +423,8 @@ def test_points_are_shown_as_a_table_and_converted(tmp_path: Path) -> None:
         'P3  pick   1.000  -20.500  3.000  0.000  0.000  0.000  /L /A /NF /J4F1 /J1A(-90) /2'
         '  the "red" one'
     )
-    assert run('points', table, '--to', tmp_path / 'a.yaml').returncode == 2
+    with table.open('a') as file:
+        file.write('4,,,1,2,3,,2,1,1,,\n5,place,,1,2,3,,2,1,1,,\n')
+    result = run('points', table, '--to', tmp_path / 'a.yaml')
+    assert result.stderr == '2 points without label or position omitted\n'
+    assert (tmp_path / 'a.yaml').read_text().startswith('place: {x: 1.0, y: 2.0, z: 3.0')

@@ -71,6 +71,9 @@ def test_a_point_and_an_io_label_change_in_all_files_with_their_headers(tmp_path
         ('pick', 'a23456789012345678', 'a point has at most 16 characters'),
         ('Help', 'help2$', 'only names of strings end in'),
         ('Help', 'text', ''),
+        ('main', 'first', 'the controller starts main by its name'),
+        ('Help', 'Main2', 'the controller starts Main2 by its name'),
+        ('Help', 'bgMain', 'the controller starts bgMain by its name'),
         ('P3', 'pick2', 'is the number of a point'),
     ],
 )

@@ -31,7 +31,7 @@ again:
   Print "😀", count; Go pick
   On Gripper
   If Sw(1) = On Then GoTo again
-  Help count
+  Help count; Off 9  ' not by Xqt
 Fend
 """
 HELP = """\
@@ -130,6 +130,8 @@ def test_client_uses_every_request_of_the_server(project: Path) -> None:
             ('count', 'Integer count'),
             ('On Gripper', 'On number[, number]'),
             ('GoTo', 'SPEL+ Language Reference, RC+ 8.0, page 359'),
+            ("9  '", 'Gripper: output bit 9: グリッパー'),
+            ('Xqt', 'page 912; not in NoEmgAbort tasks'),
         ):
             hover = await client.text_document_hover_async(lsp.HoverParams(**place(text)))
             assert part in hover.contents.value
