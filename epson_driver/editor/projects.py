@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from epson_driver.inputs import InputError
-from epson_driver.spel import Problem, read_project
+from epson_driver.spel import Position, Problem, Settings, read_project
 from epson_driver.spel.commands import CONTROLLERS, VERSIONS
+from epson_driver.spel.errors import SETTINGS_FILE
 from epson_driver.spel.expressions import is_point_literal
 from epson_driver.spel.lint import LONGEST_FUNCTION_NAME, LONGEST_NAME, check
 from epson_driver.spel.project_data import resealed
@@ -76,12 +77,19 @@ class Project:
         """Return the revision and the problems of each file. May be called in another thread.
 
         If `version` is None, the version of the controller in spel.yaml applies. Without such a
-        controller, the newest version applies. Raises InputError if spel.yaml is invalid.
+        controller, the newest version applies. An invalid spel.yaml is ignored, and has a problem.
         """
         revision, texts = self.revision, dict(self.texts)
-        settings = read_settings(self.folder)
-        version = version or CONTROLLERS.get(settings.controller or '', VERSIONS[-1])
-        result: dict[str, list[Problem]] = {name: [] for name in texts}
+        result: dict[str, list[Problem]] = {name: [] for name in (*texts, SETTINGS_FILE)}
+        settings: Settings | None = None
+        try:
+            settings = read_settings(self.folder)
+            version = version or CONTROLLERS.get(settings.controller or '')
+        except InputError as error:
+            line = re.search(r', line (\d+)', str(error))
+            at = Position(SETTINGS_FILE, int(line[1]) if line else 1)
+            result[SETTINGS_FILE].append(Problem(at, 'project-file', str(error)))
+        version = version or VERSIONS[-1]
         for problem in check(texts, version, settings):
             result.setdefault(problem.position.file, []).append(problem)
         return revision, result

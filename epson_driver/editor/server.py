@@ -155,14 +155,17 @@ class SpelServer(LanguageServer):
 
     def _diagnostic(self, project: Project, problem: Problem) -> lsp.Diagnostic:
         file, line, column = problem.position
-        lines = project.symbols.files[file].lines
-        line = min(line, len(lines)) - 1
-        start = min(column - 1, len(lines[line]))
-        word = project.word_at(file, line, start)
-        place = Place(file, line, start, min(start + max(len(word), 1), len(lines[line])))
+        whole = lsp.Range(lsp.Position(line - 1, 0), lsp.Position(line, 0))  # of spel.yaml
+        if file in project.symbols.files:
+            lines = project.symbols.files[file].lines
+            line = min(line, len(lines)) - 1
+            start = min(column - 1, len(lines[line]))
+            word = project.word_at(file, line, start)
+            place = Place(file, line, start, min(start + max(len(word), 1), len(lines[line])))
+            whole = self.range_of(project, place)
         severity = lsp.DiagnosticSeverity
         return lsp.Diagnostic(
-            self.range_of(project, place),
+            whole,
             problem.text,
             severity.Warning if problem.warning else severity.Error,
             problem.rule,

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
+from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.words import WORDS, is_a
 
 
@@ -185,6 +186,13 @@ def _rules() -> Iterator[CommandRule]:
 
 COMMANDS = {rule.name.lower(): rule for rule in _rules()}
 """Name of the statement in lower case → its rule."""
+
+NOT_SIMULATED = frozenset(
+    key
+    for key, word in WORDS.items()
+    if word.uses - {'keyword'} and key not in COMMANDS.keys() | FUNCTIONS.keys()
+)
+"""Statements and functions whose results can be in spel.yaml."""
 
 TYPES = {
     name: WORDS[name].since[0]

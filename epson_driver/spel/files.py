@@ -141,6 +141,10 @@ Answer = int | float | str | None | list[int | float | str]
 function, a list of values for a statement's variables, or None for no values."""
 
 
+def without_answer(name: str) -> str:
+    return f'{not_simulated(name)}: {to_add("stubs", f"{name}: RESULT")}'
+
+
 class Stubs:
     """Results that replace statements and functions that are not simulated, such as vision.
 
@@ -161,8 +165,11 @@ class Stubs:
                 turn = self._given.get(key, 0)
                 self._given[key] = turn + 1
                 return answers[min(turn, len(answers) - 1)]
-        text = f'{not_simulated(name)}: {to_add("stubs", f"{name}: RESULT")}'
-        raise SpelError(ErrorNumber.NOT_SIMULATED, text)
+        raise SpelError(ErrorNumber.NOT_SIMULATED, without_answer(name))
+
+    @property
+    def words(self) -> set[str]:
+        return {key.split()[0] for key in self._answers}
 
 
 @dataclass

@@ -203,7 +203,7 @@ class Machine:
         return task.output
 
     def _compiled(self, text: str) -> Linked:
-        code = command(self.world.program, text)
+        code = command(self.world.program, text, self.world.stubs.words)
         source = ''.join(code.source)
         exec(compile(source, _SOURCE, 'exec'), self._names)  # noqa: S102 - compiler.py wrote it
         return self._linked(code)

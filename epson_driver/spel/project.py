@@ -7,15 +7,16 @@ of a point or of I/O is then treated as such a label, with a warning.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from itertools import chain
 
 from epson_driver.inputs import InputError, shown
 from epson_driver.spel.code import FunctionCode, Program, Variable
-from epson_driver.spel.commands import COMMANDS
+from epson_driver.spel.commands import COMMANDS, NOT_SIMULATED
 from epson_driver.spel.compiler import Compiler
 from epson_driver.spel.errors import Position, Problem, ProgramError, SyntaxProblem
 from epson_driver.spel.expressions import is_point_literal
+from epson_driver.spel.files import without_answer
 from epson_driver.spel.lexer import END, NAME, Token, tokens
 from epson_driver.spel.parser import Parser, function_names, statements_of
 from epson_driver.spel.preprocess import Line, Preprocessor
@@ -298,16 +299,20 @@ def build_with(
     return Program(list(codes.values()), codes, variables, declared, parsed, source, data, shared)
 
 
-def command(program: Program, text: str) -> FunctionCode:
+def command(program: Program, text: str, answered: Container[str] = ()) -> FunctionCode:
     """Compile statements of the command window. Raises ProgramError if they are invalid.
 
     The statements may use the Global variables of the program. An unterminated string ends with
-    `text`.
+    `text`. A word that is not simulated is refused, unless it is in `answered`.
     """
     at = Position(COMMAND, 1)
     problems: list[Problem] = []
     try:
         match = tokens(text + '"' * (text.count('"') % 2), COMMAND, 1)
+        for token in match:
+            if token.lower in NOT_SIMULATED and token.lower not in answered:
+                text = without_answer(token.text)
+                raise SyntaxProblem(token.position, text, 'not-simulated')
         line = Line(at, tuple(match))
         for part in statements_of(line):
             word = WORDS.get(part[0].lower) if part else None

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from epson_driver.editor.projects import Project, Projects, RenameError
-from epson_driver.inputs import InputError
 from epson_driver.inputs.rc_files import Block, header_fault, sealed
 from epson_driver.spel.project_data import points_of
 from epson_driver.spel.values import Point
@@ -138,6 +137,8 @@ def test_spel_yaml_beside_the_project_has_the_version(tmp_path: Path) -> None:
         (tmp_path / 'spel.yaml').write_text(f'controller: {text}\n')
         rules.append([item.rule for item in project.problems(version)[1]['main.prg']])
     assert rules == [['version'], [], ['version']]
-    (tmp_path / 'spel.yaml').write_text('ports: 5\n')
-    with pytest.raises(InputError, match='must have lines ITEM: VALUE'):
-        project.problems(None)
+    (tmp_path / 'spel.yaml').write_text('controller: rc620\nports: 5\n')
+    (problem,) = project.problems(6)[1]['spel.yaml']
+    assert problem.position.line == 2
+    assert 'must have lines ITEM: VALUE' in problem.text
+    assert [item.rule for item in project.problems(6)[1]['main.prg']] == ['version']

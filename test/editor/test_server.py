@@ -186,6 +186,14 @@ def test_problems_follow_typing_changed_files_and_deleted_files(project: Path) -
         while (params := await editor.problems.get()).uri != helper.as_uri():
             pass
         assert not params.diagnostics
+        settings = project / 'spel.yaml'
+        settings.write_text('robot: t6_602s\nport: 5\n')
+        event = lsp.FileEvent(settings.as_uri(), lsp.FileChangeType.Created)
+        editor.client.workspace_did_change_watched_files(lsp.DidChangeWatchedFilesParams([event]))
+        while (params := await editor.problems.get()).uri != settings.as_uri():
+            pass
+        (problem,) = params.diagnostics
+        assert (problem.range.start.line, 'did you mean ports?' in problem.message) == (1, True)
 
     with_editor(project, play)
 

@@ -10,7 +10,7 @@ from support.spel_harness import ScriptedHost, printed, run, value
 
 from epson_driver.spel import Machine, Memory, ProgramError, build
 from epson_driver.spel.builtins import TASK_FUNCTIONS
-from epson_driver.spel.commands import COMMANDS, KEYWORDS, WITHOUT_EFFECT
+from epson_driver.spel.commands import COMMANDS, KEYWORDS, NOT_SIMULATED, WITHOUT_EFFECT
 from epson_driver.spel.file_access import FILE_FUNCTIONS
 from epson_driver.spel.files import ProgramEnvironment
 from epson_driver.spel.functions import FUNCTIONS
@@ -456,12 +456,7 @@ def test_check_and_run_refuse_the_same_numbers(name: str) -> None:
             assert bool(refused) == bool(errors), line
 
 
-OTHER_WORDS = [
-    word.name
-    for name, word in WORDS.items()
-    if name not in COMMANDS.keys() | FUNCTIONS.keys()
-    and word.uses & {'window', 'statement', 'function'}
-]
+OTHER_WORDS = sorted(WORDS[name].name for name in NOT_SIMULATED)
 
 
 @pytest.mark.parametrize('name', OTHER_WORDS)
