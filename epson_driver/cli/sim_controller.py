@@ -64,11 +64,6 @@ from epson_driver.spel import Program, Settings, read_project
 
 _PORTS = Ports()
 
-PANEL_NEEDS_DRIVER = (
-    'the panel shows robots with a driver; without one: '
-    'epson_driver panel --simulated --program {}'
-)
-
 NOT_FOR_PROGRAMS = {
     'motion': 'its motion itself',
     'look_ahead': 'itself how many points it accepts ahead',
@@ -194,8 +189,6 @@ async def _run(
         )
         panel = None
         if args.panel:  # a separate process, because it needs ROS
-            if args.program is not None:
-                print(PANEL_NEEDS_DRIVER.format(args.program), file=sys.stderr)
             command = module_command('epson_driver.cli', 'panel')
             panel = await asyncio.create_subprocess_exec(*command)
         try:
@@ -327,7 +320,7 @@ def _parser() -> argparse.ArgumentParser:
         '--until-stdin-ends',
         'exit when standard input closes, for example when the parent process ends',
     )
-    parser.option('--panel', 'start the browser panel too')
+    parser.option('--panel', 'start the panel of ROS too (without ROS: panel --simulated)')
     parser.option(
         '--start Q1,Q2,…',
         'initial joint positions, rad or m, such as -1.0,0.2,0,0,0,0 (default: all 0)',

@@ -265,12 +265,6 @@ def _bits(name: str, memory: Memory, width: int, switch: int | None) -> Callable
     return many if switch is None else one
 
 
-def _decimal_out(task: Task, port: float, value: float, words: tuple[str, ...] = ()) -> None:
-    _may_write(task, 'OpBCD', Memory.OUTPUT, words)
-    tens, ones = divmod(nearest(value), 10)
-    task.world.host.write_bits(Memory.OUTPUT, nearest(port), 8, tens << 4 | ones)
-
-
 # Terminal
 
 
@@ -417,7 +411,6 @@ STATEMENTS: dict[str, Callable[..., None]] = {
     'setsw': _bits('SetSw', Memory.INPUT, 1, None),
     'setin': _bits('SetIn', Memory.INPUT, 8, None),
     'setinw': _bits('SetInW', Memory.INPUT, 16, None),
-    'opbcd': _decimal_out,
     'msgbox': message_box,
     'pallet': define_pallet,
     'palletclr': clear_pallet,

@@ -7,7 +7,7 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from epson_driver.spel.commands import TaskType
-from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError, bad
+from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError
 from epson_driver.spel.host import Memory
 from epson_driver.spel.ports import check_net, lines_waiting, port_of
 from epson_driver.spel.task import Task, TaskState
@@ -102,18 +102,6 @@ def _done(task: Task, which: int | str) -> int:
     return -1 if task.world.task(which) is None else 0
 
 
-def _decimal_in(task: Task, port: int) -> int:
-    value = task.world.host.read_bits(Memory.INPUT, port, 8)
-    return (value >> 4) * 10 + (value & 15)
-
-
-def _io_number(task: Task, label: str) -> int:
-    result = task.world.program.data.labels.get(label.lower())
-    if result is None:
-        raise bad('IONumber', f'unknown I/O label {label}')
-    return result
-
-
 TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'rnd': lambda task, most: task.world.random.uniform(0.0, most),
     'p': point,
@@ -141,8 +129,6 @@ TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'sw': _bits(Memory.INPUT, 1),
     'in': _bits(Memory.INPUT, 8),
     'inw': _bits(Memory.INPUT, 16),
-    'inbcd': _decimal_in,
-    'ionumber': _io_number,
     'oport': _bits(Memory.OUTPUT, 1),
     'out': _bits(Memory.OUTPUT, 8),
     'outw': _bits(Memory.OUTPUT, 16),

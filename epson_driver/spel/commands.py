@@ -53,7 +53,7 @@ NOT_AFTER_ESTOP = frozenset({TaskType.NO_EMG_ABORT, TaskType.BACKGROUND})
 _FORBIDDEN = {
     'Xqt': frozenset({TaskType.NO_EMG_ABORT, TaskType.TRAP}),
     'StartMain': frozenset(TaskType) - {TaskType.BACKGROUND},
-    **dict.fromkeys(('JumpTLZ', 'PTran'), NOT_AFTER_ESTOP),  # unlisted, but they move
+    'JumpTLZ': NOT_AFTER_ESTOP,  # unlisted, but it moves
 }
 
 
@@ -104,7 +104,7 @@ n,n: MemOut MemOutW SetSw SetIn SetInW
 n,n?: Error WaitSig SyncLock
 n,n,n: Arch
 n,n?,n?,w(Forced)?: On Off
-n,n,w(Forced)?: Out OutW OpBCD
+n,n,w(Forced)?: Out OutW
 s: SavePoints Del
 s,s: Copy
 s,w(Merge)?: LoadPoints
@@ -129,7 +129,6 @@ _ROBOT_FORMS = f"""
 @: AbortMotion
 -: Home WaitPos
 n: SpeedR SpeedFactor LimZ Tool TLClr Arm Robot
-n,n: JTran PTran
 n,n?: AccelR
 n,n?,w(S|T)?: Weight
 n?,n?: Inertia
@@ -154,9 +153,6 @@ DISPLAYING = frozenset(
 
 DISPLAYING_ONE = frozenset({'arch', 'local', 'tlset'})
 """Statements that display the values of one number if it is the only argument."""
-
-MOVING = frozenset({'home', 'jtran', 'ptran'})
-"""Statements that the host executes, and that move the arm without a target point."""
 
 SHOWN = {
     'speed': ((1,), (2,), (3,)),  # p779

@@ -67,7 +67,7 @@ task p? i: Hand
 task p,p f: Dist
 task i,i f: Arch
 task i i: LocalDef Time ChkNet OpenNet Eof Lof*
-task i i: Sw* In* InW* Oport* Out* OutW* MemSw* MemIn* MemInW* InBCD*
+task i i: Sw* In* InW* Oport* Out* OutW* MemSw* MemIn* MemInW*
 task n n: Rnd
 task i n: Tmr
 task - n: ElapsedTime
@@ -78,7 +78,7 @@ task t,i i: TaskInfo
 task t? i: Err Erl Era
 task t? s: Erf$
 task i,i? s: ErrMsg$
-task s i: FileExists IONumber
+task s i: FileExists
 host i i: CtrlInfo Stat RobotInfo TLDef Accel Pls RealPls
 host i? i: SysErr Speed AccelMax Motor* Power
 host - i: ErrorOn* EStopOn* SafetyOn* PauseOn* TeachOn* AtHome*

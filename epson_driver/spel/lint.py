@@ -131,7 +131,7 @@ RULES = {
 """Rule name → description of the problem."""
 
 _WAITING_COMMANDS = frozenset(
-    {'waitsig', 'waitnet', 'synclock', 'msgbox', 'waitpos', 'home', 'jtran', 'ptran', 'taskwait'}
+    {'waitsig', 'waitnet', 'synclock', 'msgbox', 'waitpos', 'home', 'taskwait'}
 )
 
 

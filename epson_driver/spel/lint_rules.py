@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from epson_driver.spel import syntax
 from epson_driver.spel.code import Program
-from epson_driver.spel.commands import MOVING
 from epson_driver.spel.errors import Position, Problem
 from epson_driver.spel.expressions import is_point_literal
 from epson_driver.spel.ranges import FILES, PORTS, key_of, outside
@@ -250,11 +249,9 @@ def _chooses_robot(function: syntax.Function) -> bool:
 
 def _owned(function: syntax.Function) -> Iterator[tuple[str, Position]]:
     for node in function.of(syntax.Motion, syntax.Command):
-        if isinstance(node, syntax.Motion) or (
-            isinstance(node, syntax.Command) and node.name.lower() in MOVING
-        ):
+        if isinstance(node, syntax.Motion) or node.name.lower() == 'home':
             yield _MOVED, node.at
-        elif isinstance(node, syntax.Command) and node.name.lower() in _OWNED:
+        elif node.name.lower() in _OWNED:
             first = node.arguments[0]
             number = None if first is None else constant(first, CONSTANTS)
             if number is not None:

@@ -155,7 +155,6 @@ def _send(task: Task, name: str, number: int, data: bytes) -> None:
     network = task.world.host.network
     if not network.connected(number):
         raise SpelError(ErrorNumber.NETWORK, f'{name}: port {number} has no peer')
-    task.owe(name.lower())
     task.since_wait = 0
     network.send(number, data)
 
@@ -186,7 +185,6 @@ def read_bin(task: Task, number: int, into: Array | Reference, count: int | None
         for place, value in enumerate(data, start):
             container[place] = _byte(value, type_name)
 
-    task.owe('readbin')
     _receive(task, 'ReadBin', number, lambda b: size if len(b) >= size else 0, use, size)
 
 
@@ -233,7 +231,6 @@ def print_to(
     """Execute `Print [#n,] a, b[,]`. `line`: whether to print a line end."""
     text = ' '.join(text_of(value, kind) for value, kind in items)
     if number is None or number in _DISPLAYS:
-        task.owe('print')
         print_terminal(task, text + ('\n' if line else ' '))
         return
     if is_file(number):

@@ -47,7 +47,7 @@ _PLACES = frozenset({'here', 'xy', 'ja', 'pulse', 'agltopls', 'curpos', 'realpos
 _OF_POINTS = frozenset({'pallet', 'local'})
 """Statements whose arguments are points and numbers."""
 _SIDES = frozenset({'x', 'y', 'l', 'r', 'baseu', 'outside'})
-_SWITCHED = frozenset({'on', 'off', 'out', 'outw', 'opbcd'})
+_SWITCHED = frozenset({'on', 'off', 'out', 'outw'})
 _READ = frozenset({'sw', 'in', 'inw', 'oport', 'out', 'outw'})
 
 

@@ -68,7 +68,6 @@ class Timing:
     * scan: period of condition checks.
     * turn: maximum time for which a task runs before the next task runs.
     * endless: number of statements without a wait after which error 2556 is raised.
-    * extra: additional time of statements, by name in lower case ('print', 'writebin', 'go', …).
     """
 
     statement: float = 10e-6
@@ -76,14 +75,6 @@ class Timing:
     scan: float = 0.010
     turn: float = 0.001
     endless: int = 1_000_000
-    extra: dict[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for name in ('statement', 'scan', 'turn'):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f'{name} must be a time above 0 s, is {getattr(self, name)}')
-        if self.granularity < 0.0 or min(self.extra.values(), default=0.0) < 0.0:
-            raise ValueError('granularity and extra must be times from 0 s on')
 
 
 @dataclass(slots=True)
@@ -526,11 +517,6 @@ class Task:
         if forbidden(rule, words, self.type):
             kind = self.type.name.lower().replace('_', ' ')
             raise SpelError(ErrorNumber.TASK_TYPE, f'{rule.name} cannot run in a task {kind}')
-        self.owe(name)
-
-    def owe(self, name: str) -> None:
-        """Advance the clock by the additional time of the statement `name` (`Timing.extra`)."""
-        self.world.time += self.world.timing.extra.get(name, 0.0)
 
     def value(self, name: str, arguments: tuple[int | float | Point, ...]) -> object:
         """Return the host's value of the function `name`.

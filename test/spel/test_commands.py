@@ -138,7 +138,6 @@ VALUES = {
     'localdef': ('LocalDef(1)', '0'),
     'freefile': ('FreeFile', '30'),
     'fileexists': ('FileExists("no.txt")', '0'),
-    'inbcd': ('InBCD(0)', '8'),
     'js': ('JS', '0'),
     'posfound': ('PosFound', '0'),
     'findpos': ('CX(FindPos)', '0'),
@@ -159,7 +158,7 @@ VALUES = {
 
 WITH_VARIABLES = {
     'parsestr', 'ubound', 'p', 'pdef', 'pallet', 'local', 'eof',
-    'ionumber', 'plocal',
+    'plocal',
 }  # fmt: skip
 """Functions that are tested with a program, below or in test_types.py."""
 
@@ -326,7 +325,6 @@ STATEMENTS_AT_WORK = {
     'setsw': ('SetSw 5, On\nPrint Sw(5), In(0)', ['1 32']),
     'setin': ('SetIn 1, 3\nPrint Sw(9), InW(0)', ['1 768']),
     'setinw': ('SetInW 1, &H8001\nPrint Sw(31), InW(1)', ['1 32769']),
-    'opbcd': ('OpBCD 0, 25\nPrint Out(0)', ['37']),
     'aopen': (f'{WRITTEN}AOpen "a.txt" As #30\nPrint #30, 1\nClose #30\n{SHOWN}', ['a', 'b', '1']),
     'ropen': (f'{WRITTEN}{SHOWN}', ['a', 'b']),
     'wopen': (f'{WRITTEN}WOpen "A.TXT" As #30\nPrint #30, 1\nClose #30\n{SHOWN}', ['1']),
@@ -354,8 +352,6 @@ SETTINGS = {
     'tlclr': 'TLClr 1',
     'arm': 'Arm 0',
     'robot': 'Robot 1',
-    'jtran': 'JTran 3, -5.5',
-    'ptran': 'PTran 3, 100',
     **{name.lower(): f'{name} 1, 2' for name in WITHOUT_EFFECT},
     'home': 'Home',
     'homeset': 'HomeSet 0, 0, 0, 0',

@@ -287,7 +287,7 @@ QUIET = {
     'the name of a file with As': main('  WOpen "saved as a" As #30\n  Close #30'),
     'Mask in a Wait after an If (p527)': main('  If Sw(1) = On Then Wait In(0) Mask 3 = 1'),
     'Else in an If of one line (p419)': main('  If Sw(1) = On Then On 1 Else Off 1'),
-    'a loop that moves': main('  Do While Sw(1) = Off\n    JTran 3, -.5\n  Loop'),
+    'a loop that moves': main('  Do While Sw(1) = Off\n    Home\n  Loop'),
     'a name behind an #ifdef': 'Integer m\n#ifdef X\n#define Y m\n#endif\n' + main('  Print 1'),
     'Error with a handler that continues': main(
         '  OnErr GoTo bad\n  Error 8001\n  Exit Function\nbad:\n  EResume Next'

@@ -176,14 +176,6 @@ def _with_posture(robot: RobotContext, place: SpelPoint) -> SpelPoint:
     return place if robot.controller.model.kind == SCARA else replace(place, flags=(NEAREST,))
 
 
-def _relative_go(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    return _go(robot, _relative(robot, request))
-
-
-def _relative_move(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    return _move(robot, _relative(robot, request))
-
-
 def _jump3(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Return the points of Jump3.
 
@@ -227,20 +219,6 @@ def _pass(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     return result
 
 
-def _one_joint(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Return the target of JTran or PTran.
-
-    These statements move one joint by an angle or a distance, or by a number of pulses.
-    """
-    joint = robot.joint(request.name, request.numbers['joint'])
-    model = robot.controller.model
-    unit = model.shown_per_unit if request.name == 'jtran' else robot.points.pulses_per_unit
-    angles = robot.motion.start.copy()
-    angles[joint] += request.numbers['step'] / unit[joint]
-    shown = SpelPoint('angles', tuple((angles * model.shown_per_unit).tolist()))
-    return [rest_at(robot.points.joints(shown, robot.motion.start))]
-
-
 def _home(robot: RobotContext, _request: MotionRequest) -> Sequence[Point]:
     """Return the home position. All joints move together, because Hordr is not simulated."""
     home = robot.controller.spel.home
@@ -258,14 +236,10 @@ MOVES: dict[str, Callable[[RobotContext, MotionRequest], Sequence[Point]]] = {
     'move': _move,
     'arc': _move,
     'arc3': _move,
-    'tgo': _relative_go,
-    'bgo': _relative_go,
-    'tmove': _relative_move,
-    'bmove': _relative_move,
+    **dict.fromkeys(('tgo', 'bgo'), lambda robot, by: _go(robot, _relative(robot, by))),
+    **dict.fromkeys(('tmove', 'bmove'), lambda robot, by: _move(robot, _relative(robot, by))),
     'jump3': _jump3,
     'jump3cp': _jump3,
     'jumptlz': _jump_tlz,
     'pass': _pass,
-    'jtran': _one_joint,
-    'ptran': _one_joint,
 }

@@ -50,7 +50,6 @@ from epson_driver.spel import (
     Value,
 )
 from epson_driver.spel import ErrorNumber as SpelNumber
-from epson_driver.spel.commands import MOVING
 from epson_driver.spel.task import COMMAND_TASK, FIRST_BACKGROUND, LAST_BACKGROUND, Task, printed
 
 MAIN, BACKGROUND = 'main', 'bgmain'
@@ -400,10 +399,8 @@ class SpelProgram(CommandWindow):
         self, name: str, arguments: Sequence[Value | Point | None], words: tuple[str, ...]
     ) -> Completion | None:
         """Execute a statement. Return its progress if it takes time, or None."""
-        if name in MOVING:
-            named = zip(('joint', 'step'), arguments, strict=False)
-            numbers = {key: float(value) for key, value in named if isinstance(value, int | float)}
-            return self.move(MotionRequest(name, (), numbers=numbers))
+        if name == 'home':
+            return self.move(MotionRequest(name, ()))
         completion = command(self._robot, name, arguments, words)
         if completion is not None and not completion.done:
             self._poll(completion)

@@ -347,16 +347,6 @@ def test_next_motion_starts_at_the_end_of_pass(caplog):
     assert np.abs(harness.positions - there).max(axis=1).min() < 1e-5
 
 
-def test_jtran_and_ptran_move_one_joint(caplog):
-    harness = run_main(
-        caplog,
-        '  Real before; before = Agl(3)\n  JTran 3, 5\n  Print Agl(3) - before\n'
-        '  Long pulses; pulses = Pls(1)\n  PTran 1, 1000\n  Print Pls(1) - pulses',
-    )
-    assert float(harness.printed[0]) == pytest.approx(5.0, abs=1e-3)
-    assert harness.printed[1] == '1000'
-
-
 def test_tool_is_the_reference_of_places_and_lines(caplog):
     harness = run_main(
         caplog,
