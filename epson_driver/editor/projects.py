@@ -12,6 +12,7 @@ from epson_driver.spel.commands import CONTROLLERS, VERSIONS
 from epson_driver.spel.errors import SETTINGS_FILE
 from epson_driver.spel.expressions import is_point_literal
 from epson_driver.spel.lint import LONGEST_FUNCTION_NAME, LONGEST_NAME, check
+from epson_driver.spel.project import Parsed
 from epson_driver.spel.project_data import resealed
 from epson_driver.spel.settings import read_settings
 from epson_driver.spel.symbols import Place, ProjectSymbols, Symbol
@@ -41,6 +42,7 @@ class Project:
         self.symbols = ProjectSymbols()
         self.texts: dict[str, str] = {}
         self.opened: dict[str, str] = {}
+        self._parsed: Parsed = {}
         self.revision = 0
         """Number of changes. It reveals whether the results of a check are outdated."""
         self.read()
@@ -90,7 +92,7 @@ class Project:
             at = Position(SETTINGS_FILE, int(line[1]) if line else 1)
             result[SETTINGS_FILE].append(Problem(at, 'project-file', str(error)))
         version = version or VERSIONS[-1]
-        for problem in check(texts, version, settings):
+        for problem in check(texts, version, settings, self._parsed):
             result.setdefault(problem.position.file, []).append(problem)
         return revision, result
 

@@ -38,7 +38,7 @@ from epson_driver.spel.lint_rules import (
     unreachable,
     unused,
 )
-from epson_driver.spel.project import build_with, reserved_names
+from epson_driver.spel.project import Parsed, build_with, reserved_names
 from epson_driver.spel.project_data import INCLUDE, PROGRAM, PROJECT, encoded, listed_files
 from epson_driver.spel.scope import ONE_WHEN_ON, constant
 from epson_driver.spel.settings import Settings
@@ -136,14 +136,18 @@ _WAITING_COMMANDS = frozenset(
 
 
 def check(
-    files: Mapping[str, str], version: int = 8, settings: Settings | None = None
+    files: Mapping[str, str],
+    version: int = 8,
+    settings: Settings | None = None,
+    cache: Parsed | None = None,
 ) -> list[Problem]:
     """Return all problems of a project on a controller with `version`, sorted by position.
 
-    If `settings` is None, the settings are unknown, so no missing setting is reported.
+    If `settings` is None, the settings are unknown, so no missing setting is reported. `cache`:
+    the dictionary of the last check, so that only changed files are parsed.
     """
     problems: list[Problem] = []
-    program = build_with(files, problems, problems)
+    program = build_with(files, problems, problems, cache)
     lint = _Lint(program, version, files)
     for name, text in files.items():
         if name.lower().endswith((PROGRAM, INCLUDE)):

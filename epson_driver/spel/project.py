@@ -204,8 +204,16 @@ def with_setup(files: Mapping[str, str], statements: str, functions: str) -> dic
     }
 
 
+Parsed = dict[str, tuple[object, File, list[Problem]]]
+"""The files that the last check parsed: name → what the result depends on, result, problems."""
+
+
 def _parse(
-    files: Mapping[str, str], problems: list[Problem], notes: list[Problem], data: ProjectData
+    files: Mapping[str, str],
+    problems: list[Problem],
+    notes: list[Problem],
+    data: ProjectData,
+    parsed: Parsed,
 ) -> list[File]:
     lines: dict[str, list[Line]] = {}
     for name in files:
@@ -215,7 +223,13 @@ def _parse(
     add_missing(data, files, lines, names, notes)
     notes += _joined_types(lines.values())
     labels = data.point_labels
-    return [Parser(name, result, names, problems, labels).file() for name, result in lines.items()]
+    for name, result in lines.items():
+        key = result, names, labels
+        if name not in parsed or parsed[name][0] != key:
+            own: list[Problem] = []
+            parsed[name] = key, Parser(name, result, names, own, labels).file(), own
+        problems += parsed[name][2]
+    return [parsed[name][1] for name in lines]
 
 
 def _joined_types(files: Iterable[list[Line]]) -> Iterator[Problem]:
@@ -237,15 +251,18 @@ def build(files: Mapping[str, str]) -> Program:
 
 
 def build_with(
-    files: Mapping[str, str], problems: list[Problem], notes: list[Problem] | None = None
+    files: Mapping[str, str],
+    problems: list[Problem],
+    notes: list[Problem] | None = None,
+    cache: Parsed | None = None,
 ) -> Program:
     """Build a program as far as possible.
 
-    Errors are added to `problems`, and warnings to `notes`.
+    Errors are added to `problems`, and warnings to `notes`. `cache`: see `Parsed`.
     """
     notes = [] if notes is None else notes
     data = project_data(files, problems)
-    parsed = _parse(files, problems, notes, data)
+    parsed = _parse(files, problems, notes, data, {} if cache is None else cache)
     problems.extend(problem for file in parsed for problem in reserved_names(file, FIRST))
     functions: dict[str, Function] = {}
     libraries: dict[str, tuple[int, Declare]] = {}

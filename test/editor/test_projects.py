@@ -129,6 +129,29 @@ def test_text_open_in_the_editor_replaces_the_file_until_closed(tmp_path: Path) 
     assert project.texts == {}
 
 
+def test_problems_are_those_of_a_new_project_after_each_change(tmp_path: Path) -> None:
+    """Files that have not changed are not parsed again."""
+    project = Project(written(tmp_path))
+    texts = (
+        MAIN.replace('Help text$\n', 'Help text$ Go\n'),
+        '#define LAST 3\n' + MAIN.replace('Go pick', 'Go gone\n  Assist 1\n  If LAST'),
+        MAIN,
+    )
+    other = 'Function Assist(n As Integer)\n  Go pick :Z(n\nFend\n'
+    for text, more in zip(texts, (other, other, other.replace('(n\n', '(n)\n')), strict=True):
+        project.set('main.prg', text)
+        project.set('other.prg', more)
+        again = project.problems(8)[1]
+        new = Project(tmp_path)
+        new.set('main.prg', text)
+        new.set('other.prg', more)
+        assert again == new.problems(8)[1]
+    parsed = dict(project._parsed)
+    project.set('main.prg', MAIN + "' end\n")
+    project.problems(8)
+    assert project._parsed['other.prg'] is parsed['other.prg']
+
+
 def test_spel_yaml_beside_the_project_has_the_version(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').write_text('Function main\n  UByte b\n  b = 200\n  Print b\nFend\n')
     project = Project(tmp_path)
