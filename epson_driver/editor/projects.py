@@ -120,10 +120,8 @@ class Project:
                 word = match[1].lower()
                 kind = 'memory' if word[:3] == 'mem' else 'input' if word == 'sw' else 'output'
                 bit = f'{kind} bit {int(match[2])}'
-                for symbols in self.symbols.names.values():
-                    for symbol in symbols:
-                        if symbol.kind == 'io' and symbol.detail.partition(':')[0] == bit:
-                            return symbol
+                labels = (item for item in self.symbols.visible(name, '') if item.kind == 'io')
+                return next((item for item in labels if item.detail.split(':')[0] == bit), None)
         return None
 
     def renamed(self, symbol: Symbol, new: str) -> dict[str, list[tuple[Place, str]]]:

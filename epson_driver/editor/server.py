@@ -26,7 +26,7 @@ from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.lint import RULES
 from epson_driver.spel.project_data import INCLUDE, PROGRAM
 from epson_driver.spel.symbols import Place, Symbol
-from epson_driver.spel.words import CONSTANTS, FIRST, SPELLING, SYNTAX, WORDS, is_a
+from epson_driver.spel.words import CONSTANTS, EXCEPTIONS, FIRST, SPELLING, SYNTAX, WORDS, is_a
 
 DEBOUNCE = 0.3
 
@@ -60,7 +60,6 @@ class SpelServer(LanguageServer):
         super().__init__('epson_driver', '1', lsp.TextDocumentSyncKind.Incremental)
         self.projects = Projects([])
         self.rc_version: int | None = None
-        self._shown = ''
         self._checks: dict[Path, asyncio.Task[None]] = {}
         self._published: dict[Path, set[str]] = {}
 
@@ -117,15 +116,8 @@ class SpelServer(LanguageServer):
             self._checks[project.path] = task
 
     def _report(self, task: asyncio.Task[None]) -> None:
-        """Log and display the error that ended a check.
-
-        An error that the previous check has also raised is not reported again.
-        """
-        error = None if task.cancelled() else task.exception()
-        if error is None:
-            self._shown = ''
-        elif str(error) != self._shown:
-            self._shown = str(error)
+        """Log and display the error that ended a check."""
+        if not task.cancelled() and (error := task.exception()) is not None:
             logging.getLogger(__name__).error('the check failed', exc_info=error)
             text = f'spel check: {error}'
             self.window_show_message(lsp.ShowMessageParams(lsp.MessageType.Error, text))
@@ -355,14 +347,6 @@ _ARGUMENTS = {
 }
 
 
-_EXCEPTIONS = {
-    'reset': 'in NoEmgAbort and background tasks only Reset Error',
-    'restart': 'of NoEmgAbort and background tasks only in a task of Trap Error',
-    'xqt': 'not in NoEmgAbort tasks',
-}
-"""Notes of manual page 917 on words that are not for NoEmgAbort and background tasks."""
-
-
 def _arguments(form: str) -> str:
     result = ''
     for place, kind in enumerate(form.split(',') if form else []):
@@ -401,5 +385,5 @@ def word_help(name: str) -> str | None:
     if word.since > FIRST:
         notes.append(f'since RC+ {".".join(map(str, word.since))}')
     if not word.background:
-        notes.append(_EXCEPTIONS.get(key, 'not in NoEmgAbort and background tasks'))
+        notes.append(EXCEPTIONS.get(word.name, 'not in NoEmgAbort and background tasks'))
     return '\n'.join([*lines, '```', '; '.join(notes)])

@@ -21,7 +21,7 @@ def timer(task: Task, number: int) -> float:
 
 
 def now(task: Task) -> datetime:
-    return task.world.started + timedelta(seconds=task.world.time)
+    return datetime(2000, 1, 1) + timedelta(seconds=task.world.time)
 
 
 def _time(task: Task, unit: int) -> int:

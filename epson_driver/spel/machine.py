@@ -9,7 +9,6 @@ result on every computer.
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from datetime import datetime
 from functools import lru_cache
 from types import CodeType
 from typing import Any, NamedTuple
@@ -52,9 +51,6 @@ from epson_driver.spel.values import (
     store,
     too_long,
 )
-
-STARTED = datetime(2000, 1, 1)
-"""Default date and time at which the controller's clock starts."""
 
 _SOURCE = '<spel>'
 
@@ -106,12 +102,10 @@ class Machine:
         program: Program,
         host: Host,
         timing: Timing | None = None,
-        started: datetime = STARTED,
         around: ProgramEnvironment | None = None,
     ) -> None:
-        self.world = SharedState(
-            program, host, timing or Timing(), started, around or ProgramEnvironment()
-        )
+        around = around or ProgramEnvironment()
+        self.world = SharedState(program, host, timing or Timing(), around)
         self._turn = max(int(self.world.timing.turn / self.world.timing.statement), 1)
         self._last = 0
         self._next_scan = 0.0

@@ -6,7 +6,6 @@ import random
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from datetime import datetime
 from enum import IntEnum
 from typing import Any
 
@@ -160,13 +159,11 @@ class SharedState:
         program: Program,
         host: Host,
         timing: Timing,
-        started: datetime,
         around: ProgramEnvironment,
     ) -> None:
         self.program = program
         self.host = host
         self.timing = timing
-        self.started = started
         self.time = 0.0
         self.linked: list[Linked] = []
         self.g: list[object] = [blank(variable) for variable in program.variables]

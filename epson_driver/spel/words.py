@@ -81,6 +81,9 @@ SPELLING = {name.lower(): name for name, _ in _constants()} | {
 SYNTAX: dict[str, str] = {name.lower(): text for name, text in _TABLE['syntax'].items()}
 """Syntax in the manual by name in lower case, of statements whose form starts with `@`."""
 
+EXCEPTIONS: dict[str, str] = _TABLE['background exceptions']
+"""Word → the tasks that can execute it, although the manual lists it as not in background."""
+
 EVERY_VERSION = (99, 0, 0)
 
 
