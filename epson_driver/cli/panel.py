@@ -74,8 +74,9 @@ def _words() -> tuple[list[str], bool]:
 def _check(
     parser: argparse.ArgumentParser, options: argparse.Namespace, *, without_ros: bool
 ) -> None:
-    if options.program and not options.simulated:
-        parser.error('--program: needs --simulated')
+    given = options.program or options.define or options.set
+    if given and not (options.simulated and options.program):
+        parser.error('--program, --define and --set: need --simulated and --program')
     if not without_ros:
         if options.file:
             parser.error(f'{printable(options.file)}: {SHOWS_DRIVERS}')

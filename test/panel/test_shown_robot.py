@@ -325,7 +325,8 @@ def test_simulated_panel_shows_the_joints_of_a_project_that_runs(tmp_path: Path)
 @pytest.mark.parametrize(
     ('arguments', 'code', 'text'),
     [
-        (['--program=x'], 2, '--program: needs --simulated'),
+        (['--program=x'], 2, 'need --simulated and --program'),
+        (['--simulated', '--set=a'], 2, 'need --simulated and --program'),
         ([], 1, 'the Python module rclpy is missing: add --simulated or robot.yaml'),
         (['--no-ros'], 2, 'needs robot.yaml or --simulated'),
     ],
