@@ -20,7 +20,7 @@ from epson_driver.driver import channel
 from epson_driver.rtmc.transport import Arrival, Transport, library
 from epson_driver.sim_controller.network import servers
 from epson_driver.sim_controller.network.pacer import Pacer
-from epson_driver.sim_controller.rtmc.rtmc_port import RtmcPort
+from epson_driver.sim_controller.rtmc_port import RtmcPort
 
 LEASE_S = 1.0
 """Silence after which a participant is lost, s, as in interfaces/epson_rtmc."""

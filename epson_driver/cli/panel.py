@@ -147,7 +147,7 @@ def _robots_in_ros(options: argparse.Namespace) -> int:
     from epson_driver.panel.access import new_token
     from epson_driver.panel.page import trajectories
     from epson_driver.panel.panel import Panel
-    from epson_driver.ros_panel.ros_discovery import RosDiscovery
+    from epson_driver.ros_panel import RosDiscovery
 
     panel = Panel(
         options.host,

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The state of a robot's driver, and the interface for requests to it.
 
-`ros_panel/` implements the interface with ROS, `api_robot.py` with the driver in this process.
+`ros_panel.py` implements the interface with ROS, `api_robot.py` with the driver in this process.
 """
 
 import threading

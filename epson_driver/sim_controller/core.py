@@ -18,7 +18,6 @@ import numpy as np
 from epson_driver.motion import Array
 from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.robots import RobotModel
-from epson_driver.sim_controller import state as state_port
 from epson_driver.sim_controller.arm.simulated_arm import Servo, SimulatedArm
 from epson_driver.sim_controller.arm.streaming import DeadlineCounters, Planner
 from epson_driver.sim_controller.arm.target_motion import TargetMotion
@@ -30,6 +29,7 @@ from epson_driver.sim_controller.condition.errors import (
     Rejection,
     angles_rejection,
     clipped,
+    condition_rejection,
 )
 from epson_driver.sim_controller.condition.spel_settings import DEFAULTS_AFTER, SpelSettings
 from epson_driver.sim_controller.condition.states import (
@@ -67,6 +67,7 @@ from epson_driver.simple_message import (
     JointPosition,
     Packet,
     Status,
+    TriState,
     ValidFields,
     encode,
     joint_data,
@@ -424,11 +425,18 @@ class Controller:
 
     def status(self) -> Status:
         alarms = self.profile.state.errors == 'alarms'
-        return state_port.status(
-            self.condition,
-            self._error if alarms else self.error_number,
-            in_motion=self.in_motion or (self._unattended and self.moving),
-            accepts_points=self.program.ready and self.motion_rejection() is None,
+        error = self._error if alarms else self.error_number
+        condition = self.condition
+        accepts = self.program.ready and self.motion_rejection() is None
+        possible = condition.tasks is Tasks.RUNNING and error == ErrorNumber.NONE and accepts
+        return Status(
+            drives_powered=TriState(condition.powered),
+            e_stopped=TriState(condition.estopped),
+            error_code=error,
+            in_error=TriState(error != ErrorNumber.NONE),
+            in_motion=TriState(self.in_motion or (self._unattended and self.moving)),
+            mode=StatusMode.AUTO if condition.mode is Mode.AUTO else StatusMode.MANUAL,
+            motion_possible=TriState(possible),
         )
 
     def version(self) -> GetVersion:
@@ -498,7 +506,7 @@ class Controller:
             self.apply(Event.PROGRAM_POWER_HIGH)
 
     def motion_rejection(self) -> Rejection | None:
-        rejection = state_port.motion_rejection(self.condition)
+        rejection = condition_rejection(self.condition)
         if rejection is None and self.arm.executor is not self.arm.program_executor:
             return _BORROWED
         if rejection is None and self._planner is not None and not self._planner.ready:
@@ -510,7 +518,7 @@ class Controller:
 
         Unlike `motion_rejection`, this does not require running tasks.
         """
-        return state_port.motion_rejection(replace(self.condition, tasks=Tasks.RUNNING))
+        return condition_rejection(replace(self.condition, tasks=Tasks.RUNNING))
 
     def _log_failures(self) -> None:
         sentence = self.timing.since(self._reported)

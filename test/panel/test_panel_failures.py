@@ -18,8 +18,7 @@ from epson_driver.panel import panel as panel_module
 from epson_driver.panel.panel import Panel
 from epson_driver.panel.web_server import WebServer
 from epson_driver.processes import processes
-from epson_driver.ros_panel.ros_discovery import RosDiscovery
-from epson_driver.ros_panel.ros_robot import Goal
+from epson_driver.ros_panel import Goal, RosDiscovery
 
 ROBOT = '/nobody'
 OTHER = '/other'

@@ -38,7 +38,7 @@ from epson_driver.panel.robot_state import (
 )
 from epson_driver.panel.sim_pendant import NotSimulatedError, PendantThread
 from epson_driver.processes import processes
-from epson_driver.ros_panel.ros_robot import NoDriverError
+from epson_driver.ros_panel import NoDriverError
 
 PARAMETERS = {'robot_model': 'c3_a601s', 'robot_ip': '192.0.2.1', 'remote_port': 0}
 NOW = 100.0

@@ -30,8 +30,7 @@ from epson_driver.motion import Trajectory
 from epson_driver.node.ros_process import RosThread
 from epson_driver.panel.robot_state import RobotState
 from epson_driver.processes.processes import free_ros_domain, ros_environment
-from epson_driver.ros_panel.ros_discovery import RosDiscovery
-from epson_driver.ros_panel.ros_robot import PARAMETERS, Goal, NoDriverError, RosRobot
+from epson_driver.ros_panel import PARAMETERS, Goal, NoDriverError, RosDiscovery, RosRobot
 
 TRAJECTORY = Trajectory(('joint_1',), np.array([1.0]), np.array([[0.5]]))
 

@@ -17,7 +17,7 @@ from epson_driver.panel.robot_control import RobotControl
 from epson_driver.panel.robot_state import MAX_AGES_S
 from epson_driver.processes import processes
 from epson_driver.robots import load_robot_model
-from epson_driver.ros_panel.ros_discovery import RosDiscovery
+from epson_driver.ros_panel import RosDiscovery
 
 BROWSER = 1
 

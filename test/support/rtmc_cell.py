@@ -17,7 +17,7 @@ from epson_driver.rtmc.messages import Request, decode
 from epson_driver.rtmc.transport import Arrival
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.network.servers import Ports
-from epson_driver.sim_controller.rtmc.rtmc_port import RtmcPort
+from epson_driver.sim_controller.rtmc_port import RtmcPort
 from simulation.dds_bus import VirtualTransport
 from support.driver_harness import Harness, options_of
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The error numbers that the controller shows in STATUS, and the current error."""
+"""The error numbers that the controller shows in STATUS, the current error, and rejections."""
 
 import logging
 from dataclasses import dataclass
@@ -10,6 +10,15 @@ import numpy as np
 
 from epson_driver.error_texts import load_error_texts
 from epson_driver.motion import Array, JointLimits
+from epson_driver.sim_controller.condition.states import (
+    REGIONS,
+    Condition,
+    EStop,
+    Fault,
+    Mode,
+    Motors,
+    Tasks,
+)
 
 _log = logging.getLogger(__name__)
 
@@ -65,6 +74,37 @@ class ErrorRegister:
     def clear(self, only: int | None = None) -> None:
         if only in (None, self.number):
             self.number = ErrorNumber.NONE
+
+
+NO_MOTION: dict[EStop | Fault | Tasks | Mode | Motors, Rejection] = {
+    EStop.PRESSED: Rejection(
+        ErrorNumber.TASK_ABORTED, 'the E-stop is pressed: release it, reset, motors on'
+    ),
+    EStop.LATCHED: Rejection(
+        ErrorNumber.TASK_ABORTED, 'the E-stop is released but not reset: reset, motors on'
+    ),
+    Fault.CRITICAL: Rejection(
+        ErrorNumber.TASK_ABORTED, 'a critical error aborted the motion task: boot the controller'
+    ),
+    Fault.ERROR: Rejection(
+        ErrorNumber.TASK_ABORTED, 'an error aborted the motion task: reset, motors on'
+    ),
+    Tasks.STOPPED: Rejection(ErrorNumber.TASK_ABORTED, 'the motion task is stopped: start it'),
+    Mode.MANUAL: Rejection(
+        ErrorNumber.MOTORS_OFF, 'the key switch is at MANUAL: turn it to AUTO, motors on'
+    ),
+    Motors.OFF: Rejection(ErrorNumber.MOTORS_OFF, 'the motors are off: switch the motors on'),
+    Motors.BRAKING: Rejection(ErrorNumber.MOTORS_OFF, 'the motors are going off'),
+}
+"""Controller state → reason for refusing points. The first match is reported.
+
+A pause is missing, because points are accepted during a pause.
+"""
+
+
+def condition_rejection(condition: Condition) -> Rejection | None:
+    states = {getattr(condition, region) for region in REGIONS}
+    return next((rejection for state, rejection in NO_MOTION.items() if state in states), None)
 
 
 def angles_rejection(angles: Array, limits: JointLimits) -> Rejection | None:

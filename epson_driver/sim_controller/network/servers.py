@@ -16,7 +16,7 @@ from epson_driver.sim_controller.network.announcement import announce
 from epson_driver.sim_controller.network.pacer import Pacer
 from epson_driver.sim_controller.network.port_server import PortRules, PortServer, port_rules
 from epson_driver.sim_controller.network.tcp_connection import TcpConnection
-from epson_driver.sim_controller.rtmc.rtmc_port import RtmcPort
+from epson_driver.sim_controller.rtmc_port import RtmcPort
 from epson_driver.sim_controller.spel_host.program_network import PortObject, ProgramNetwork
 
 HOST = '127.0.0.1'

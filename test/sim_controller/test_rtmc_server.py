@@ -18,7 +18,7 @@ from epson_driver.rtmc.messages import Request, RtmcMessage, RtmcStatus, decode
 from epson_driver.rtmc.transport import Transport, TransportError
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
-from epson_driver.sim_controller.rtmc.rtmc_port import RtmcPort
+from epson_driver.sim_controller.rtmc_port import RtmcPort
 
 HOST = '127.0.0.1'
 REMOTE = load_controller_profile('remote')

@@ -1,31 +1,36 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One driver, accessed through its topics, services and action.
+"""The robots of the panel in ROS: drivers, accessed through topics, services and the action.
 
-Subscriptions have no callbacks, because 180 callbacks per second would take rclpy more time than
-the rest of the panel. They store the last message, and `sample` reads it at the page's refresh
-rate.
+An executor spins one node, which receives answers. The other node has subscriptions only. They
+have no callbacks, because 180 callbacks per second would take rclpy more time than the rest of the
+panel. They store the last message, and `sample` reads it at the page's refresh rate.
 """
 
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+import rclpy
 from action_msgs.msg import GoalStatus
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointJog, JointTrajectoryControllerState
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from epson_msgs.msg import IoPoint, IoStates
 from epson_msgs.srv import SetSpeedScaling, TaughtPoints, WriteIo
 from industrial_msgs.msg import RobotMode, RobotStatus
+from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
+from rclpy.context import Context
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
@@ -34,13 +39,20 @@ from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.remedy import Remedy
 from epson_driver.motion import Array, Trajectory
 from epson_driver.node.joint_reader import MAX_POSITION, JointReader
-from epson_driver.node.ros_process import polled_subscription as subscribed
-from epson_driver.node.ros_process import take
+from epson_driver.node.ros_process import (
+    RosThread,
+    level,
+    polled_subscription,
+    take,
+    take_all,
+    udp_by_default,
+)
 from epson_driver.node.trajectory_messages import duration_in_s, trajectory_message
 from epson_driver.panel.robot_state import (
     ERROR,
     INFO,
     MAX_AGES_S,
+    MAX_EVENTS,
     MAX_TAUGHT_POINTS,
     TRIGGERS,
     WARN,
@@ -198,7 +210,8 @@ class RosRobot:
             (IoStates, f'{name}/io_states', self._on_io, LATCHED),
         )
         self._topics = [
-            (subscribed(sampled, kind, topic, qos), handle) for kind, topic, handle, qos in topics
+            (polled_subscription(sampled, kind, topic, qos), handle)
+            for kind, topic, handle, qos in topics
         ]
 
     def last_seen(self, now: float) -> float:
@@ -441,3 +454,113 @@ def _possible(values: Sequence[float] | float) -> bool:
 
 def _tri(value: Any) -> Tri:
     return Tri(value.val) if value.val in (0, 1) else Tri.UNKNOWN
+
+
+NAME = 'epson_driver_panel'
+SPEED_SERVICE = ('epson_msgs/srv/SetSpeedScaling', '/set_speed_scaling')
+REPORTS_PERIOD_S = 0.2  # period for reading diagnostics and log, s
+GONE_AFTER_S = 60.0  # silence of a driver after which its robot is removed from the page, s
+MAX_AT_ONCE = 50  # maximum number of messages of a topic that are read at a time
+
+MANY = QoSProfile(depth=MAX_AT_ONCE, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+LOG = QoSProfile(
+    depth=MAX_AT_ONCE,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""QoS for the log: transient local, to receive lines that were logged before the panel started."""
+
+
+class RosDiscovery:
+    """The panel's connection to ROS, and the drivers that it finds.
+
+    `names`: nodes of the drivers, or None for all drivers. Raises the exceptions of rclpy.init.
+    """
+
+    def __init__(
+        self,
+        arguments: list[str],
+        names: list[str] | None,
+        on_error: Callable[[str, BaseException], None],
+    ) -> None:
+        self._context = Context()
+        # rclpy's own SIGTERM handler would shut down ROS only, and the page would stay open
+        with udp_by_default():
+            rclpy.init(
+                args=arguments,
+                context=self._context,
+                signal_handler_options=SignalHandlerOptions.NO,
+            )
+            self._node = self._new_node(NAME)
+        self._sampled = self._new_node(f'{NAME}_topics')
+        self._diagnostics = polled_subscription(
+            self._sampled, DiagnosticArray, '/diagnostics', MANY
+        )
+        self._log = polled_subscription(self._sampled, Log, '/rosout', LOG)
+        self._thread = RosThread(on_error, self._context)
+        self._thread.executor.add_node(self._node)
+        self._thread.start()
+        self.robots: dict[str, RosRobot] = {}  # by node, in the order of discovery
+        self._early: deque[tuple[str, Event]] = deque(maxlen=MAX_EVENTS)  # of unknown nodes
+        self._find = names is None
+        self._reports_read = -math.inf
+        for name in names or ():
+            self._add(name)
+
+    def _new_node(self, name: str) -> Node:
+        return Node(
+            name, context=self._context, enable_rosout=False, start_parameter_services=False
+        )
+
+    def _add(self, name: str) -> None:
+        robot = self.robots[name] = RosRobot(
+            self._node, self._thread.executor, self._sampled, name
+        )
+        for node, event in self._early:
+            if node == name:
+                robot.state.add_event(event)
+
+    def sample(self, now: float) -> None:
+        for robot in self.robots.values():
+            robot.sample(now)
+        if now - self._reports_read >= REPORTS_PERIOD_S:
+            self._reports_read = now
+            self._sample_reports(now)
+
+    def _sample_reports(self, now: float) -> None:
+        for message in take_all(self._diagnostics, MAX_AT_ONCE):
+            for status in message.status:
+                node, separator, part = status.name.partition(': ')
+                robot = self.robots.get(f'/{node}')
+                if robot is not None and separator and part == 'arm':
+                    robot.on_diagnostics(status, now)
+        for line in take_all(self._log, MAX_AT_ONCE):
+            stamp = line.stamp.sec + line.stamp.nanosec * 1e-9
+            event = Event(stamp, level(line), line.msg)
+            name = '/' + line.name.replace('.', '/')
+            robot = self.robots.get(name)
+            if robot is not None:
+                robot.state.add_event(event)
+            else:
+                self._early.append((name, event))
+
+    def discover(self, now: float) -> None:
+        if self._find:
+            kind, ending = SPEED_SERVICE
+            for service, types in self._node.get_service_names_and_types():
+                name = service.removesuffix(ending)
+                if kind in types and name != service and name not in self.robots:
+                    self._add(name)
+        for robot in self.robots.values():
+            robot.look_for_driver(now)
+        for name, robot in list(self.robots.items()):
+            if self._find and now - robot.last_seen(now) > GONE_AFTER_S:
+                self.robots.pop(name).close()
+
+    def close(self) -> None:
+        self._thread.leave()
+        self._thread.executor.shutdown()
+        self._node.destroy_node()
+        self._sampled.destroy_node()
+        rclpy.shutdown(context=self._context)

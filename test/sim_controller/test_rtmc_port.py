@@ -31,7 +31,7 @@ from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import Event, Motors
 from epson_driver.sim_controller.faults.fault_kinds import parse
 from epson_driver.sim_controller.faults.faults import ANSWER_TIME_S
-from epson_driver.sim_controller.rtmc.rtmc_port import RtmcPort
+from epson_driver.sim_controller.rtmc_port import RtmcPort
 from epson_driver.simple_message import IoType
 
 REMOTE = load_controller_profile('remote')
