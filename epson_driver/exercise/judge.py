@@ -46,7 +46,6 @@ class Observed:
     end: Array | None
     moved: bool = True
     moved_after_stop: bool = False
-    fault_began: float | None = None
     refused: str = ''
     aborted: str = ''
 

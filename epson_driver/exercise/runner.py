@@ -220,14 +220,13 @@ def _watch(
 
         waiting = threading.Thread(target=wait, name='program', daemon=True)
         waiting.start()
-        fault_began = 0.0 if case.early else None
+        begun = case.early
         latest = deadline if usual is None or not case.early else began + usual.seconds
         moved_at = cell.observer.wait_for_motion(latest, ended)
         if moved_at is not None and not case.early and case.name != NO_FAULT.name:
             ended.wait(max(moved_at + _delay(usual, chance) - time.monotonic(), 0.0))
-            fault_began = time.monotonic() - began
-            refused = _begin(cell, case)
-        if fault_began is not None and case.person:
+            begun, refused = True, _begin(cell, case)
+        if begun and case.person:
             ended.wait(PERSON_COMES_S)
             _help(cell, case)
         ended.wait(max(deadline - time.monotonic(), 0.0))
@@ -246,7 +245,6 @@ def _watch(
         end=np.asarray(positions[-1]) if len(positions) else None,
         moved=moved_at is not None or case.early,
         moved_after_stop=cell.observer.moved_after_stop(),
-        fault_began=fault_began,
         refused=refused,
     )
 

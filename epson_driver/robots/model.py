@@ -111,10 +111,6 @@ class RobotModel:
         return _KINDS.get(self.joint_types, f'{len(self.joint_types)} joints')
 
     @property
-    def mark(self) -> str:
-        return max((item.worst for item in self.provenance.values()), key=MARKS.index)
-
-    @property
     def cautions(self) -> tuple[str, ...]:
         """Range, speed and length values that are not confirmed, one sentence for each."""
         nouns = {'range': 'ranges', 'speed': 'speeds', 'origins': 'lengths', 'heights': 'heights'}

@@ -15,7 +15,7 @@ from epson_driver.sim_controller.clock import Clock, Timer
 from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
 from epson_driver.sim_controller.condition.states import Tasks
 from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.faults.faulty_transport import FaultyTransport
+from epson_driver.sim_controller.faults.faults import FaultyTransport
 from epson_driver.sim_controller.io.io_session import IoSession
 from epson_driver.sim_controller.io.motoman_io_session import MotomanIoSession
 from epson_driver.sim_controller.ports import (

@@ -40,7 +40,7 @@ from epson_driver.sim_controller.condition.states import (
 )
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.fault_kinds import REAL_TIME_PORT
-from epson_driver.sim_controller.faults.faulty_transport import FaultyTransport
+from epson_driver.sim_controller.faults.faults import FaultyTransport
 from epson_driver.sim_controller.io.io_points import IoError
 from epson_driver.simple_message import IoType
 

@@ -70,7 +70,6 @@ def test_c3_has_a_source_and_mark_per_joint() -> None:
     assert model.provenance['speed'].marks[3:5] == ('one source', 'one source')
     assert model.provenance['speed'].worst == 'one source'
     assert set(model.provenance['acceleration'].marks) == {'estimated'}
-    assert model.mark == 'estimated'
 
 
 def test_estimated_ranges_speeds_and_lengths_are_cautions() -> None:

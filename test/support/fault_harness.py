@@ -4,8 +4,7 @@
 
 from epson_driver.sim_controller.clock import Clock
 from epson_driver.sim_controller.faults.fault_kinds import parse
-from epson_driver.sim_controller.faults.faults import Faults
-from epson_driver.sim_controller.faults.faulty_transport import FaultyTransport
+from epson_driver.sim_controller.faults.faults import Faults, FaultyTransport
 from epson_driver.simple_message import (
     LITTLE_ENDIAN,
     JointPosition,

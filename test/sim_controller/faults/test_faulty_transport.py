@@ -13,7 +13,7 @@ from epson_driver.sim_controller.faults.disturbances import (
     is_reply,
 )
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
-from epson_driver.sim_controller.faults.faulty_transport import MAX_DELAYED_BYTES
+from epson_driver.sim_controller.faults.faults import MAX_DELAYED_BYTES
 from epson_driver.simple_message import BIG_ENDIAN, ByteOrder, FrameError, Framer
 
 LINK_FAULTS = [name for name, kind in FAULTS.items() if kind.ports]
