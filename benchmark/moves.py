@@ -25,7 +25,7 @@ from epson_driver.motion import Trajectory
 from epson_driver.sim_controller.core import Controller
 from epson_driver.simple_message import IoType
 
-REQUIRED_S = {'simulated': 0.08, 'motoman': 0.08, 'spel': 0.2, 'remote': 0.35}
+REQUIRED_S = {'simulated': 0.08, 'motoman': 0.08, 'rtmc': 0.08, 'spel': 0.2, 'remote': 0.35}
 """Maximum mean time of a move besides its motion, by profile, s."""
 
 REQUIRED_IO_S = 0.025

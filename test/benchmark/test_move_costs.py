@@ -24,7 +24,7 @@ async def test_move_costs_little_besides_its_motion(profile, longest, monkeypatc
 
 
 @pytest.mark.slow
-async def test_goal_at_half_speed_keeps_its_time():
-    (plan, *_) = plans(0.5, 0.1)
+async def test_goals_at_half_speed_keep_their_times():
     with short_planning():
-        assert 0.95 < await arm_time('simulated', plan, Smoothing()) / plan.duration < 1.08
+        for plan in plans(0.5, 0.1):
+            assert 0.98 < await arm_time('simulated', plan, Smoothing()) / plan.duration < 1.03

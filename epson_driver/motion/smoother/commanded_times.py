@@ -30,11 +30,6 @@ CATCH_UP_RATIO = 1.25
 MAX_CATCH_UP_RATIO = 6.0
 """Maximum ratio of the speed to the commanded speed, used if the motion would end late."""
 
-CATCH_UP_BISECTIONS = 4
-
-LATE_END_SHARE = 0.02
-"""Tolerated delay at the end, as a fraction of the remaining time."""
-
 LATER_SHARE, LATER_AT_REST_SHARE = 0.3, 0.5
 """Delays of a plan relative to its speed profile, which ignores the jerk limits: after a start
 from rest, and before the end at rest. The unit is the ratio of the acceleration limit to the jerk
@@ -53,10 +48,14 @@ A plan is slower than the profile, so it takes about the whole horizon.
 
 def within_horizon(
     request: Request, path: Path, limits: JointLimits, effort: Effort
-) -> tuple[Path, Problem, SpeedBounds]:
-    """Shorten a path to the planning horizon. Return it with its problem and speed bounds."""
+) -> tuple[Problem, SpeedBounds, Array | float]:
+    """Shorten a path to the planning horizon. Return its problem and speed bounds.
+
+    Also return the factor of the commanded speed, one per knot.
+    """
     effort.spend(OUTSET_US)
-    problem = problem_of(request, path, limits, _ratio(request), effort)
+    factor: Array | float = min(CATCH_UP_RATIO, request.catch_up)
+    problem = problem_of(request, path, limits, factor, effort)
     bounds = SpeedBounds(problem)
     profile = bounds.profile()
     cut = False
@@ -67,42 +66,21 @@ def within_horizon(
         path = Path(path.knots[:count])
     if request.timed.any():
         if cut:
-            problem = problem_of(request, path, limits, _ratio(request), effort)
+            problem = problem_of(request, path, limits, factor, effort)
             profile = SpeedBounds(problem).profile()
         factor = _catch_up(request, path, limits, profile)
-        if request.whole and not cut and _late_end(request, path, limits, profile):
-            factor = np.full_like(factor, _higher_ratio(request, path, limits, effort))
         problem = problem_of(request, path, limits, factor, effort)
         bounds = SpeedBounds(problem)
     elif cut:
         problem = problem_of(request, path, limits, 1.0, effort)
         bounds = SpeedBounds(problem)
-    return path, problem, bounds
+    return problem, bounds, factor
 
 
-def _ratio(request: Request) -> float:
-    return min(CATCH_UP_RATIO, request.catch_up)
-
-
-def _late_end(request: Request, path: Path, limits: JointLimits, profile: SpeedProfile) -> bool:
-    """Return whether a plan whose speeds are similar to `profile` would end too late."""
+def commanded_duration(request: Request, path: Path) -> float:
+    """Return the time from the state to the commanded time of the end of the path, s."""
     now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
-    time_left = float(end - now)
-    duration = float(_arrivals(request, profile, np.array([path.end]), limits)[0])
-    return request.lag + duration - time_left > LATE_END_SHARE * time_left
-
-
-def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Effort) -> float:
-    low, high = _ratio(request), min(MAX_CATCH_UP_RATIO, request.catch_up)
-    for _ in range(CATCH_UP_BISECTIONS):
-        effort.spend(OUTSET_US / 2.0)
-        ratio = float(np.sqrt(low * high))
-        problem = problem_of(request, path, limits, ratio, effort)
-        if _late_end(request, path, limits, SpeedBounds(problem).profile()):
-            low = ratio
-        else:
-            high = ratio
-    return high
+    return float(end - now) - request.lag
 
 
 def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedProfile) -> Array:

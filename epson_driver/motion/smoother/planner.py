@@ -12,7 +12,13 @@ import numpy as np
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import optimal, ruckig_move
-from epson_driver.motion.smoother.commanded_times import problem_of, stopping_time, within_horizon
+from epson_driver.motion.smoother.commanded_times import (
+    MAX_CATCH_UP_RATIO,
+    commanded_duration,
+    problem_of,
+    stopping_time,
+    within_horizon,
+)
 from epson_driver.motion.smoother.path import Knots, Path, chord_lengths, in_time, line, through
 from epson_driver.motion.smoother.request import MAX_EFFORT_US, Effort, Plan, Problem, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
@@ -90,6 +96,14 @@ OPTIMAL, BRANCH, AS_COMMANDED = 'optimal', 'branch', 'as commanded'
 BRAKING_IN_STOPPING_TIMES = (1.5, 2.2, 3.0)
 """Times before the last known point at which a plan that keeps the commanded times may begin to
 brake for it."""
+
+MAX_END_ROUNDS, END_SHARE = 3, 5e-3
+"""Maximum number of other speeds with which a motion is planned to end at its commanded time, and
+the accepted difference, as a fraction of the time left."""
+
+FIRST_END_EXPONENT, MIN_END_SLOPE = 1.5, -0.1
+"""The first change of the speed is the ratio of the durations, raised to this exponent. Above this
+derivative of ln(duration) with respect to ln(speed), the limits determine the duration."""
 
 UNSETTLED_KNOTS = 6
 """Number of knots before the last known one whose derivatives still depend on the next points."""
@@ -217,9 +231,43 @@ def _fresh(
     ramp_time: float = optimal.MAX_RAMP_TIME_S,
 ) -> Plan | None:
     """Return a plan that does not depend on the current plan's timing, or None."""
-    path, problem, bounds = within_horizon(request, first, limits, effort)
+    problem, bounds, factor = within_horizon(request, first, limits, effort)
     timing = optimal.propose(problem, bounds, ramp_time)
-    return None if timing is None else Plan(request.start, path.knots, timing, OPTIMAL)
+    if timing is not None and request.ends and problem.path is first and problem.commanded:
+        timing = _ending_in_time(request, problem, factor, timing, ramp_time)
+    return None if timing is None else Plan(request.start, problem.path.knots, timing, OPTIMAL)
+
+
+def _ending_in_time(
+    request: Request,
+    problem: Problem,
+    factor: Array | float,
+    timing: TimeParametrisation,
+    ramp_time: float,
+) -> TimeParametrisation:
+    """Return a timing that ends nearer to the commanded time than `timing`, or `timing`.
+
+    The commanded speed, multiplied by `factor`, is multiplied by another ratio for this.
+    """
+    left = commanded_duration(request, problem.path)
+    tried = [(0.0, timing.duration, timing)]  # logarithm of the ratio, duration, timing
+    for _ in range(MAX_END_ROUNDS):
+        exponent, duration, _ = tried[-1]
+        if abs(duration - left) <= END_SHARE * left or left <= 0.0 or problem.effort.used_up:
+            break
+        slope = -1.0 / FIRST_END_EXPONENT
+        if len(tried) > 1:
+            before, previous, _ = tried[-2]
+            if (slope := np.log(duration / previous) / (exponent - before)) > MIN_END_SLOPE:
+                break  # the limits determine the duration
+        exponent += float(np.log(left / duration)) / slope
+        ratios = np.minimum(np.exp(exponent) * factor, min(MAX_CATCH_UP_RATIO, request.catch_up))
+        changed = problem_of(request, problem.path, problem.limits, ratios, problem.effort)
+        found = optimal.propose(changed, SpeedBounds(changed), ramp_time)
+        if found is None:
+            break
+        tried.append((exponent, found.duration, found))
+    return min(tried, key=lambda item: abs(item[1] - left))[2]
 
 
 def _branch(request: Request, fraction: float, limits: JointLimits, effort: Effort) -> Plan | None:
@@ -246,21 +294,21 @@ def _branch(request: Request, fraction: float, limits: JointLimits, effort: Effo
         lag=request.lag + first - float(clock[1] - clock[0]),
         horizon=BRANCH_HORIZON_SHARE * request.horizon,
     )
-    path, problem, bounds = within_horizon(later, path, limits, effort)
+    problem, bounds, _ = within_horizon(later, path, limits, effort)
     timing = optimal.propose(problem, bounds, tolerance=BRANCH_TOLERANCE)
     if timing is not None:
         timing = head.then(timing)
     if timing is not None and not problem.usage(timing).allowed:
         timing = None
-    return None if timing is None else Plan(request.start, path.knots, timing, BRANCH)
+    return None if timing is None else Plan(request.start, problem.path.knots, timing, BRANCH)
 
 
 def _simple(request: Request, first: Path, limits: JointLimits) -> Plan | None:
     """Return a plan of a single move along the path, which may be slow, or None."""
     effort = Effort(URGENT_SHARE * MAX_EFFORT_US)
-    path, problem, _ = within_horizon(request, first, limits, effort)
+    problem, _, _ = within_horizon(request, first, limits, effort)
     timing = ruckig_move.propose(problem)
-    return None if timing is None else Plan(request.start, path.knots, timing, 'simple')
+    return None if timing is None else Plan(request.start, problem.path.knots, timing, 'simple')
 
 
 def _straight(request: Request, limits: JointLimits) -> Plan | None:

@@ -28,9 +28,10 @@ MIN_PERIOD_S = 0.03
 
 MIN_POINTS = 3
 
-MIN_BURST_POINTS, BURST_SHARE, BURST_PAUSE_S = 3, 0.3, 0.01
-"""Points are a burst if there are enough of them, if they arrived in a fraction of their duration,
-and if no point has arrived for BURST_PAUSE_S. Messages do not mark the end of a trajectory."""
+MIN_OVER_POINTS, OVER_S, OVER_RATIO = 3, 0.01, 1.5
+"""A trajectory is probably over if enough points are ahead, and none has arrived for OVER_S and
+OVER_RATIO times the longest interval: before the motion between the arrivals of points, and later
+between their commanded times. Messages do not mark the end of a trajectory."""
 
 RESERVE_IN_STOPPING_TIMES = 2.5
 """Duration of the reserve, in stopping times. It is the last part of a plan, during which the plan
@@ -80,6 +81,8 @@ class Replanning:
         self._catch_up = catch_up
         self.news = False
         """Whether a new plan may be better than the last plan, e.g. because of new points."""
+        self._end_known = False
+        """Whether the last request contained the probable end of the trajectory."""
         self.planner_errors = 0
         self.planner_error: Exception | None = None
         self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(waypoints.limits)
@@ -164,7 +167,8 @@ class Replanning:
             return False
         if plan.pause != execution.held:
             return True
-        if plan.pause or plan.finished or not self.news:
+        news = self.news or (not self._end_known and self._over())
+        if plan.pause or plan.finished or not news:
             return False
         return 0.0 < plan.end - execution.now - self.latency < self._reserve
 
@@ -244,16 +248,21 @@ class Replanning:
             route[-1].rest is not None,
             self._catch_up,
             plan is not None and plan.in_time,
-            route[-1].rest is not None or (plan is None and not more and self._burst(route)),
+            route[-1].rest is not None or (not more and self._over()),
         )
+        self._end_known = request.ends
         return PendingRequest(request, route, more)
 
-    def _burst(self, route: list[Waypoint]) -> bool:
-        """Return whether a route arrived at once and is probably a whole trajectory."""
-        first, last = route[1].arrival, route[-1].arrival
-        together = last - first <= BURST_SHARE * (route[-1].clock - route[1].clock)
-        over = self._execution.now - last >= BURST_PAUSE_S
-        return len(route) > MIN_BURST_POINTS and together and over
+    def _over(self) -> bool:
+        """Return whether the points ahead are probably all that remains of a trajectory."""
+        ahead = self._waypoints.ahead
+        if len(ahead) < MIN_OVER_POINTS:
+            return False
+        # a sender that has filled a buffer waits until the arm has passed a point
+        moving = self._execution.plan is not None
+        times = [point.clock if moving else point.arrival for point in ahead]
+        pause = OVER_S + OVER_RATIO * max(np.diff(times))
+        return bool(self._execution.now - ahead[-1].arrival >= pause)
 
     def _extend(self, route: list[Waypoint], end: float) -> bool:
         """Add waypoints up to the next rest to the route. Return whether some are left out.
