@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Python API for asyncio. It needs no ROS, and contains the same driver as the ROS 2 node.
 
-    async with Robot('192.168.0.1', controller='rc700a', model='c4_a601s') as robot:
+    async with Robot('192.168.0.1', controller='spel', model='c4_a601s') as robot:
         await robot.enable()
         await robot.move_joints([0.0, 0.3, -0.2, 0.0, 0.5, 0.0], speed=0.2)
 

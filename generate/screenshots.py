@@ -208,14 +208,14 @@ def exercise() -> None:
 def doctor() -> None:
     """Take the doctor's output for a controller in E-stop."""
     with tempfile.TemporaryDirectory(prefix='epson_driver_pictures_') as name:
-        profile = ['--controller=rc700a']
+        profile = ['--controller=spel']
         log, environment = Path(name, 'log'), dict(os.environ)
         controller = processes.Process('sim_controller', profile, log, environment)
         with processes.ended_at_exit(controller):
             controller.ports()
             press = [*COMMAND, 'pendant', 'estop', 'press']
             subprocess.run(press, check=True, capture_output=True)
-            _terminal(['doctor', '127.0.0.1', '--controller', 'rc700a', '--ask'], 1)
+            _terminal(['doctor', '127.0.0.1', '--controller', 'spel', '--ask'], 1)
 
 
 def _terminal(words: list[str], code: int, begin: str = '', cwd: Path = ROOT) -> None:

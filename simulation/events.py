@@ -39,7 +39,7 @@ PREPARES_FRACTION = 0.1
 WORKER_FRACTION = 0.4
 """Fraction of the worlds with a planning process in which it dies, and in which it hangs."""
 
-SMOOTH_PROFILES = ('simulated', 'simulated', 'simulated', 'rc700a', 'generic', 'motoman')
+SMOOTH_PROFILES = (*['simulated'] * 4, 'generic', 'motoman')
 
 SCALES = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 1.0, 1.0)
 DISTANCES_RAD = (0.0, 2e-4, 0.005, 0.1, 0.3)

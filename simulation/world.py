@@ -68,7 +68,7 @@ from simulation.virtual_loop import SOON_S, VirtualLoop
 from simulation.workers import Workers
 
 PROFILES = (
-    *('simulated', 'rc700a', 'generic', 'motoman', 'remote') * 2,
+    *('simulated', 'simulated', 'generic', 'motoman', 'remote') * 2,
     *('spel', 'fanuc', 'abb', 'simulated'),
 )
 """Profiles of worlds. Profiles with a high processor load are listed once, the others twice."""

@@ -182,8 +182,8 @@ def in_process() -> dict[Target, float]:
             targets[ControllerTarget(name, KINDS, armed=armed)] = 3.0
         targets[ControllerTarget('spel', KINDS, armed=armed)] = 1.0
     targets[ControllerTarget('simulated', ('motion', 'state'), armed=True, smooth=True)] = 1.0
-    targets[ControllerTarget('rc700a', ('remote',), armed=False)] = 6.0
-    targets[ControllerTarget('rc700a', ('remote', *KINDS), armed=True)] = 4.0
+    targets[ControllerTarget('simulated', ('remote',), armed=False)] = 6.0
+    targets[ControllerTarget('simulated', ('remote', *KINDS), armed=True)] = 4.0
     targets[ControllerTarget('spel', ('remote', *KINDS), armed=True)] = 1.0
     for name in ('simulated', 'abb', 'motoman'):
         for used in (False, True):

@@ -48,7 +48,9 @@ class Settings:
     j23_factor: int = setting('j23_factor')
     error_texts: str | None = setting('error_texts', None)
     password_variable: str | None = setting('password_variable', None)
-    interface: Literal['streaming', 'download', 'statements'] | None = setting('interface', None)
+    interface: Literal['streaming', 'download', 'statements', 'rtmc'] | None = setting(
+        'interface', None
+    )
     point_message: Literal['joint_traj_pt', 'joint_traj_pt_full'] | None = setting(
         'point_message', None
     )

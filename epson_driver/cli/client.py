@@ -33,7 +33,7 @@ def _namespaces(arguments: Sequence[str]) -> list[str]:
         'Run the ROS 2 node that drives a controller, or one node per --namespace.',
         (
             'client robot.yaml',
-            'client --ros-args -p robot_ip:=192.168.0.1 -p controller:=rc700a',
+            'client --ros-args -p robot_ip:=192.168.0.1 -p controller:=spel',
             'client --namespace left --namespace right --ros-args --params-file FILE',
         ),
         '0 stopped by a signal, 1 invalid parameter or internal error, 2 invalid arguments',

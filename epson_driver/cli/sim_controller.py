@@ -251,7 +251,7 @@ def _parser() -> argparse.ArgumentParser:
         'Simulate an EPSON controller until SIGINT or SIGTERM.',
         (
             'sim_controller --robot c4_a601s --panel',
-            'sim_controller --controller rc700a --fault late_reply:seconds=3',
+            'sim_controller --controller spel --fault late_reply:seconds=3',
         ),
         '0 stopped by a signal, 1 a port is in use or the planner failed, 2 invalid arguments',
     )

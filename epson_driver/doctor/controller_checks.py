@@ -262,7 +262,9 @@ async def _report_inhibits(question: Question, state: Conversation, findings: Fi
             inhibits, report = [], report or [MAIN_ENDED]
         # STATUS covers E-stop, key and error as well: one line for each cause
         causes = {item.cause for item in inhibits}
-        inhibits = [item for item in report if item.cause not in causes] + inhibits
+        inhibits += [item for item in report if item.cause not in causes]
+    order = list(Cause)  # an E-stop also ends main
+    inhibits.sort(key=lambda item: order.index(item.cause))
     for item in inhibits:
         report_inhibit(item, findings)
     unknown = [name for name in NEEDED if getattr(status, name) == TriState.UNKNOWN]

@@ -37,9 +37,6 @@ STATE_PORTS = {
 }
 """Usual state port → profiles of controllers that have no Remote Ethernet."""
 
-WITH_REMOTE = ('spel', 'rc700a')
-"""Profiles of controllers that have Remote Ethernet and a program."""
-
 TIMEOUT_S = 3.0
 ENOUGH_PACKETS = 60
 
@@ -88,7 +85,7 @@ async def look_at(
     for (port, profiles), traffic in zip(states.items(), received, strict=False):
         if traffic is not None and not look.state_port:
             look.state_port = port
-            look.profile = _nearest(traffic, WITH_REMOTE if remote else profiles)
+            look.profile = 'spel' if remote else _nearest(traffic, profiles)
             look.why = f'joint states arrive at port {port}'
     if remote and not look.state_port:
         look.profile = 'remote'

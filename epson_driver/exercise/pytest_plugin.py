@@ -29,7 +29,7 @@ def sim_controller(
     """Run a simulated controller and the driver in a free ROS domain.
 
     The environment of the test is set to that domain, for rclpy in the test and for its child
-    processes. `@pytest.mark.sim_controller(controller='rc700a', enabled=False)` sets arguments of
+    processes. `@pytest.mark.sim_controller(controller='spel', enabled=False)` sets arguments of
     `simulated_cell`.
     """
     marker = request.node.get_closest_marker('sim_controller')

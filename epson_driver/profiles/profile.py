@@ -265,8 +265,8 @@ class ControllerProfile:
         return self.rtmc.port if self.program.interface == 'rtmc' else self.ports.motion
 
 
-ALIKE = dict.fromkeys(('rc700', 'rc90', 'rc90b', 'rc800', 't', 'vt'), 'rc700a')
-"""Controllers that use the profile of another controller, because no difference is known."""
+ALIKE = dict.fromkeys(('rc700', 'rc700a', 'rc90', 'rc90b', 'rc800', 't', 'vt'), 'spel')
+"""EPSON's controllers, which use the profile of this package's program."""
 
 OLD_NAMES = {'rc620': 'simulated'}
 

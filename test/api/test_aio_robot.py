@@ -41,7 +41,7 @@ async def moving_slowly(robot):
 # --- moving -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('profile', ['simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman'])
+@pytest.mark.parametrize('profile', ['simulated', 'generic', 'fanuc', 'abb', 'motoman'])
 @pytest.mark.invariant(5)
 async def test_move_reaches_its_target_on_every_kind_of_controller(profile):
     own_speed = Settings(require_planned_speed=profile != 'fanuc')

@@ -44,7 +44,7 @@ def _bent(model: RobotModel) -> Array:
 def test_spel_program_and_python_compute_the_same_pose_at_zero(name: str) -> None:
     model = load_robot_model(name)
     zero = np.zeros(len(model.joint_names))
-    controller = new_controller(model, load_controller_profile('rc700a'), zero)
+    controller = new_controller(model, load_controller_profile('simulated'), zero)
     remote = Remote(SimpleNamespace(controller=controller))
     place, _ = Kinematics(model).epson_point(zero)
     shown = remote('Sim,print,CX(CurPos),CZ(CurPos)').removeprefix('#Sim,').split(' ')

@@ -4,7 +4,9 @@
 
 import ast
 import dataclasses
+import typing
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from epson_driver.setup.setup import make_setup
 from epson_driver.setup.table import GOAL_TOLERANCE
 from epson_driver.simple_message import ByteOrder
 
-PROFILES = ['simulated', 'rc700a', 'spel', 'generic', 'fanuc', 'abb', 'motoman']
+PROFILES = ['simulated', 'spel', 'generic', 'fanuc', 'abb', 'motoman']
 
 
 def flat(value):
@@ -41,6 +43,15 @@ def test_robot_has_the_configuration_of_the_node_with_default_parameters(name, m
     assert setup.servo == node.servo
     units = setup.model.limits.units
     assert list(setup.tolerances('goal').position) == [GOAL_TOLERANCE[unit] for unit in units]
+
+
+def test_types_of_the_settings_have_the_choices_of_their_parameters():
+    hints = typing.get_type_hints(Settings)
+    for field in dataclasses.fields(Settings):
+        choices = getattr(field.metadata.get('row'), 'choices', ())
+        kinds = [hints[field.name], *typing.get_args(hints[field.name])]
+        named = [typing.get_args(kind) for kind in kinds if typing.get_origin(kind) is Literal]
+        assert named == ([choices] if choices else []), field.name
 
 
 def test_each_setting_reaches_its_parameter():

@@ -16,7 +16,6 @@ from epson_driver.sim_controller.condition.states import Event
 
 PROFILES = (
     'simulated',
-    'rc700a',
     'remote',
     'spel',
     'motoman',
@@ -99,7 +98,7 @@ async def test_refused_motion_and_enable_name_the_cause(profile: str, name: str)
 
 
 @pytest.mark.parametrize('event', [Event.PAUSE, Event.STOP])
-@pytest.mark.parametrize('profile', ['simulated', 'rc700a', 'generic', 'fanuc', 'abb'])
+@pytest.mark.parametrize('profile', ['simulated', 'generic', 'fanuc', 'abb'])
 async def test_paused_or_stopped_program_is_not_called_an_error(profile, event):
     async with robot_cell(profile=profile) as (robot, controller):
         controller.apply(event)
@@ -129,7 +128,7 @@ async def test_enable_starts_a_stopped_spel_program():
 
 
 async def test_enable_reports_that_main_does_not_run():
-    async with robot_cell(profile='rc700a') as (robot, controller):
+    async with robot_cell() as (robot, controller):
         controller.apply(Event.STOP)
         await asyncio.sleep(0.5)
         assert 'but the controller is paused, or main is not running' in await robot.enable()

@@ -116,7 +116,7 @@ def test_each_of_several_robots_has_its_arguments() -> None:
 
 FLEET_FILE = """
 /**:
-  ros__parameters: {controller: rc700a}
+  ros__parameters: {controller: spel}
 /cell:
   robot_1:
     epson_driver: {ros__parameters: {robot_ip: 192.168.0.1}}
@@ -133,7 +133,7 @@ def test_fleet_has_the_robots_of_its_file(tmp_path: Path) -> None:
     assert [robot['namespace'] for robot in robots] == ['cell/robot_1', 'robot_2']
     resolved = effective(DEFAULTS | second)
     assert (resolved['robot_ip'], resolved['robot_model']) == ('192.168.0.2', 'gx4_c251s')
-    assert resolved['controller'] == 'rc700a'
+    assert resolved['controller'] == 'spel'
     (only,) = fleet_robots(values | {'robots': 'robot_2'})
     assert only == second
     with pytest.raises(BringupError, match='robots: no robot_3 in'):
@@ -166,7 +166,7 @@ def test_client_and_sim_controller_have_one_remote_port(remote_port: str) -> Non
     assert words[words.index('--remote-port') + 1] == '5000'
 
 
-@pytest.mark.parametrize('controller', one_in(2, ['spel', 'rc700a']))
+@pytest.mark.parametrize('controller', one_in(2, ['spel', 'remote']))
 def test_sim_controller_accepts_its_command_line(tmp_path: Path, controller: str) -> None:
     values = VALUES | {
         'robot_ip': '127.0.0.1',

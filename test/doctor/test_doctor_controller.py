@@ -29,7 +29,6 @@ NAMES = (
     'fanuc',
     'generic',
     'motoman',
-    'rc700a',
     'simulated',
     'spel',
 )
@@ -206,7 +205,7 @@ def test_only_the_state_port_is_opened_by_default(opened):
         all_ports.append(ports)
         yield
 
-    _, findings = examined('rc700a', inside=record)
+    _, findings = examined('spel', inside=record)
     (ports,) = all_ports
     assert ports.state in opened
     assert not {ports.motion, ports.io, ports.remote} & set(opened)
@@ -345,7 +344,7 @@ def test_motors_that_are_off_are_a_note_with_the_remedy(prepare):
     ),
 )
 def test_remote_port_gives_reasons_missing_in_status(prepare, about, text):
-    _, findings = examined('rc700a', prepare=prepare, may_ask=True)
+    _, findings = examined('spel', prepare=prepare, may_ask=True)
     held = [item for item in findings.all if item.level is Level.INHIBIT]
     assert held[0].about == about
     assert text in held[0].text

@@ -45,7 +45,7 @@ def test_simulated_controller_reports_its_profile_and_model(profile):
     assert (look.profile, look.model, look.simulated) == (profile, 't6_602s', True)
 
 
-@pytest.mark.parametrize('profile', ['remote', 'spel', 'rc700a'])
+@pytest.mark.parametrize('profile', ['remote', 'spel'])
 def test_real_controller_with_remote_ethernet_is_identified(monkeypatch, profile):
     look = looked(profile, real=True, monkeypatch=monkeypatch, model='t6_602s')
     assert (look.profile, look.model, look.simulated) == (profile, 't6_602s', False)

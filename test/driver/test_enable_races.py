@@ -275,7 +275,7 @@ async def test_inv4_motors_that_switch_off_again_cancel_an_enable():
 
 
 async def test_inv4_enable_names_the_open_door_that_switched_the_motors_off():
-    async with cell(profile='rc700a', enabled=False) as (harness, controller):
+    async with cell(profile='simulated', enabled=False) as (harness, controller):
         enabling = asyncio.create_task(enable(harness))
         await until(lambda: controller.status().drives_powered)
         controller.apply(Event.DOOR_OPEN)

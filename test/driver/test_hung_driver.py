@@ -30,7 +30,7 @@ from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.fault_kinds import parse
 from epson_driver.simple_message import GetVersion, MessageType
 
-TIMEOUTS = {'simulated': 1.0, 'rc700a': 1.0, 'spel': 0.5}
+TIMEOUTS = {'simulated': 1.0, 'spel': 0.5}
 """Client timeouts of the profiles with a watchdog, s. Others have none."""
 
 BRAKING = 0.35
@@ -45,7 +45,7 @@ HUNG = 'this driver was stalled for [0-9.]+ s, the controller waits (1|0.5) s'
 KINDS = {
     'smooth': ('simulated', True, 'streaming'),
     'from point to point': ('simulated', False, 'streaming'),
-    'download': ('rc700a', True, 'download'),
+    'download': ('simulated', True, 'download'),
     'scaled': ('simulated', True, 'streaming'),
     'spel': ('spel', False, 'streaming'),
 }

@@ -111,7 +111,7 @@ def test_arguments_are_passed_to_the_client(launched, name, tmp_path):
     interface = {'interface': name.split('_')[-1]} if name in FIXED else {}
     params = tmp_path / 'mine.yaml'
     params.write_text('/**:\n  ros__parameters:\n    state_timeout: 0.5\n')
-    words = {'robot_ip': '192.168.0.1', 'controller': 'rc700a'}
+    words = {'robot_ip': '192.168.0.1', 'controller': 'spel'}
     ports = {'motion_port': 12000, 'state_port': 12002, 'io_port': 0, 'remote_port': 5001}
     place = {'namespace': 'cell', 'tf_prefix': 'left_', 'params_file': str(params)}
     arguments = words | {item: str(port) for item, port in ports.items()} | place

@@ -38,7 +38,7 @@ def test_every_key_has_a_rule_and_every_rule_a_key():
 
 @pytest.mark.parametrize('name', ['RC700-A', 'rc90', 'RC90-B', 'rc800', 'T', 'vt'])
 def test_alias_loads_the_shared_profile(name):
-    assert load_controller_profile(name) == load_controller_profile('rc700a')
+    assert load_controller_profile(name) == load_controller_profile('spel')
 
 
 def test_old_name_of_the_simulation_is_a_deprecated_alias(caplog):
@@ -68,15 +68,13 @@ def test_simulated_rates_equal_those_of_the_thesis():
 
 
 def test_profiles_have_their_documented_differences():
-    rc700a, fanuc, abb, motoman = map(
-        load_controller_profile, ('rc700a', 'fanuc', 'abb', 'motoman')
-    )
-    assert rc700a.ports.remote == 5000
+    spel, fanuc, abb, motoman = map(load_controller_profile, ('spel', 'fanuc', 'abb', 'motoman'))
+    assert spel.ports.remote == 5000
     assert fanuc.byte_order is ByteOrder.BIG
     assert (fanuc.state.period, fanuc.state.joint_positions_per_status) == (0.024, 11)
     together = (fanuc, abb, motoman)
     assert [profile.state.status_with_joints for profile in together] == [True] * 3
-    assert [profile.server.lost_client for profile in (rc700a, *together)] == [
+    assert [profile.server.lost_client for profile in (spel, *together)] == [
         'brake',
         'finish',
         'finish',

@@ -194,7 +194,7 @@ START = np.array([0.5, -0.25, -0.05, 1.0])
 
 @pytest.fixture
 def remote() -> Remote:
-    controller = new_controller(MODEL, load_controller_profile('rc700a'), START)
+    controller = new_controller(MODEL, load_controller_profile('simulated'), START)
     return Remote(SimpleNamespace(controller=controller))
 
 

@@ -33,7 +33,7 @@ def play(profile, *events):
 
 @pytest.mark.invariant(3, 4)
 def test_inv3_frozen_page_ends_its_goal():
-    log = play('rc700a', STEP, FREEZE)
+    log = play('simulated', STEP, FREEZE)
     assert 'the armed window is frozen, hidden or disconnected' in log
     assert 'goal 1: canceled' in log
 
@@ -41,12 +41,12 @@ def test_inv3_frozen_page_ends_its_goal():
 def test_goal_that_outlives_its_page_is_detected(monkeypatch):
     monkeypatch.setattr(Arming, 'watch', lambda self: None)
     with pytest.raises(BrokenError, match=r'3: the arm still moves|4: the arm moves'):
-        play('rc700a', STEP, FREEZE)
+        play('simulated', STEP, FREEZE)
 
 
 @pytest.mark.invariant(3, 4)
 def test_inv3_button_pressed_in_a_frozen_page_moves_nothing():
-    assert 'panel disarmed' in play('rc700a', JOG, FREEZE)
+    assert 'panel disarmed' in play('simulated', JOG, FREEZE)
 
 
 def test_stream_that_outlives_its_sender_is_detected(monkeypatch):
@@ -59,7 +59,7 @@ def test_stream_that_outlives_its_sender_is_detected(monkeypatch):
 
     monkeypatch.setattr(Servo, '__init__', patient)
     with pytest.raises(BrokenError, match=r'3: the arm still moves|4: the arm moves'):
-        play('rc700a', JOG, FREEZE)
+        play('simulated', JOG, FREEZE)
 
 
 STALL = Event(0.5, 'panel_line_stalls', {'seconds': 4.0})
@@ -67,4 +67,4 @@ STALL = Event(0.5, 'panel_line_stalls', {'seconds': 4.0})
 
 @pytest.mark.invariant(4)
 def test_inv4_delayed_jog_messages_move_nothing():
-    play('rc700a', JOG, STALL)
+    play('simulated', JOG, STALL)

@@ -16,8 +16,8 @@ from epson_driver.driver.outcome import ErrorCode
 from epson_driver.sim_controller.condition.states import Event
 from support.driver_harness import LIMITS, pose
 
-PROFILES = ('simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman', 'spel', 'remote', 'rtmc')
-DOWNLOADS = ('simulated', 'rc700a', 'spel')
+PROFILES = ('simulated', 'generic', 'fanuc', 'abb', 'motoman', 'spel', 'remote', 'rtmc')
+DOWNLOADS = ('simulated', 'spel')
 """Controllers that usually receive points and also accept whole trajectories."""
 
 SETPOINTS = ('simulated', 'generic', 'spel', 'rtmc')
@@ -195,7 +195,7 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
     },
 }
 
-ANSWER_A_POINT_FIRST = ('simulated', 'rc700a', 'generic', 'fanuc')
+ANSWER_A_POINT_FIRST = ('simulated', 'generic', 'fanuc')
 """Controllers that answer the pending point before STOP. If only that reply is lost, the gate
 stays open because STOP is confirmed, so STOP's reply is lost here."""
 

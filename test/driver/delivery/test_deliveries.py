@@ -49,7 +49,7 @@ from epson_driver.simple_message import (
 )
 from epson_driver.simple_message.motoman import Command, Invalid, NotReady, Result
 
-PROFILES = ('simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman')
+PROFILES = ('simulated', 'generic', 'fanuc', 'abb', 'motoman')
 
 
 @contextlib.asynccontextmanager
@@ -125,7 +125,7 @@ async def test_three_plans_succeed_on_every_controller(name):
             assert np.abs(where(controller) - end).max() < 1e-4
 
 
-@pytest.mark.parametrize('name', one_in(2, ['simulated', 'rc700a', 'generic', 'abb']))
+@pytest.mark.parametrize('name', one_in(2, ['simulated', 'generic', 'abb']))
 @pytest.mark.parametrize('interface', ['streaming', 'download'])
 async def test_both_interfaces_execute_a_plan(name, interface):
     async with cell_of(name, interface) as (harness, controller, received):

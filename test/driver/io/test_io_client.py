@@ -9,7 +9,6 @@ import random
 import re
 import struct
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from support.driver_harness import Harness, simulated
@@ -44,7 +43,7 @@ DI, DO, AI, AO, GI, GO, FLAG = range(1, 8)
 INFO, READ, WRITE = range(65200, 65203)
 SUCCESS, FAILURE = 1, 2
 
-EVERY = pytest.mark.parametrize('profile', ['simulated', 'rc700a', 'motoman'])
+EVERY = pytest.mark.parametrize('profile', ['simulated', 'remote', 'motoman'])
 
 
 class Client:
@@ -195,7 +194,9 @@ async def test_io_values_are_reported_initially_and_on_change(dialect):
         assert len(client.reports) == 2
 
 
-@pytest.mark.parametrize('profile', ['simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman'])
+@pytest.mark.parametrize(
+    'profile', ['simulated', 'spel', 'remote', 'generic', 'fanuc', 'abb', 'motoman']
+)
 async def test_driver_io_works_with_every_profile(profile):
     io_profile = load_controller_profile(profile).io
     async with (
@@ -209,26 +210,6 @@ async def test_driver_io_works_with_every_profile(profile):
         assert controller.io.read(DO, 2) == 1
         (answer,) = await io.read([IoAddress(DO, 2)])
         assert (answer.value, answer.text) == (1, '')
-
-
-async def test_documented_profile_of_an_rc700a_with_an_io_server_works(tmp_path):
-    """An analogue output shows that the I/O server is used: Remote Ethernet has none."""
-    page = (Path(__file__).parents[3] / 'docs/io.md').read_text(encoding='utf-8')
-    (block,) = re.findall(r'```yaml\n(like: rc700a\n.*?)```', page, flags=re.DOTALL)
-    file = tmp_path / 'rc700a_io_server.yaml'
-    file.write_text(block, encoding='utf-8')
-    profile = load_controller_profile(str(file))
-    assert profile.ports.remote == load_controller_profile('rc700a').ports.remote
-
-    async with (
-        simulated(profile=str(file)) as (controller, ports),
-        Harness(ports, io_port=ports.io, io=profile.io) as harness,
-    ):
-        io = harness.driver.io
-        await until(lambda: io.states)
-        answers = await io.write([IoSetting(DO, 2, 1), IoSetting(AO, 1, -2500)])
-        assert [answer.text for answer in answers] == ['', '']
-        assert (controller.io.read(DO, 2), controller.io.read(AO, 1)) == (1, -2500)
 
 
 async def test_every_request_ends_if_the_connection_is_cut():
@@ -518,7 +499,7 @@ WORDS = {(GO, 1000): 0xF00F, (FLAG, 511): 1}
     ('profile', 'outputs', 'inputs'),
     [
         ('simulated', WORDS | {(AO, 0): 5000}, {(GI, 1000): 0xA55A, (AI, 1): -2500}),
-        ('rc700a', WORDS, {(GI, 1000): 0xA55A}),
+        ('remote', WORDS, {(GI, 1000): 0xA55A}),
     ],
 )
 async def test_words_flags_and_analogue_points_are_read_and_written(profile, outputs, inputs):
@@ -646,7 +627,7 @@ async def test_too_many_points_in_a_request_are_refused(profile):
 
 
 async def test_outputs_are_unavailable_while_the_controller_is_not_ready():
-    async with cell('rc700a') as (client, controller):
+    async with cell('remote') as (client, controller):
         controller.apply(Event.ESTOP_PRESS)
         (answer,) = await client.io.read([IoAddress(DI, 0)])
         assert answer.text == ''
@@ -665,7 +646,7 @@ async def test_inv3_motor_command_preempts_io_at_the_remote_port():
         holds.set()
         await asyncio.Event().wait()
 
-    async with cell('rc700a', turns=turns) as (client, controller):
+    async with cell('remote', turns=turns) as (client, controller):
         holding = asyncio.create_task(turns.patient(hold))
         await holds.wait()
         read = asyncio.create_task(client.io.read([IoAddress(DI, 0)]))
@@ -682,13 +663,13 @@ async def test_inv3_motor_command_preempts_io_at_the_remote_port():
 @pytest.mark.invariant(9)
 @pytest.mark.parametrize(
     ('profile', 'reason'),
-    [('rc700a', '(error 15)'), ('motoman', 'the controller refused it: ')],
+    [('remote', '(error 15)'), ('motoman', 'the controller refused it: ')],
 )
 async def test_inv9_points_missing_at_the_controller_are_reported(profile, reason):
     io_profile = load_controller_profile(profile).io
     more = replace(io_profile, digital_inputs=4000, digital_outputs=4000)
     async with simulated(profile=profile) as (_, ports):
-        port = ports.remote if profile == 'rc700a' else ports.io
+        port = ports.remote if profile == 'remote' else ports.io
         async with Client(port, profile=more) as client:
             await until(lambda: any(reason in report for report in client.reports))
             assert client.io.states == ()
@@ -707,7 +688,7 @@ async def test_inv9_non_numeric_answer_is_reported_with_its_command():
 
     server = await asyncio.start_server(attend, '127.0.0.1', 0)
     port = server.sockets[0].getsockname()[1]
-    async with Client(port, profile=load_controller_profile('rc700a').io) as client:
+    async with Client(port, profile=load_controller_profile('remote').io) as client:
         await until(lambda: any("'zz' is not a reply to " in report for report in client.reports))
         assert client.io.states == ()
     server.close()

@@ -451,7 +451,7 @@ def test_inv1_no_command_moves_the_arm(name, parameters):
 def test_remote_ethernet_and_spel_return_the_same_robot_type(name: str, number: int) -> None:
     model = load_robot_model(name)
     start = np.zeros(len(model.joint_names))
-    controller = new_controller(model, load_controller_profile('rc700a'), start)
+    controller = new_controller(model, load_controller_profile('simulated'), start)
     remote = Remote(SimpleNamespace(controller=controller))
     assert remote('GetRobotInfo') == f'#GetRobotInfo,1,{number},{name.upper().replace("_", "-")}'
     assert remote('Sim,print,RobotType') == f'#Sim,{number}'
