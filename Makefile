@@ -112,6 +112,7 @@ bench: $(VENV)/.driver
 
 bench-motion: $(VENV)/.driver
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.streams
 
 optimum: $(VENV)/.driver $(VENV)/.optimum
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.optimum $(ARGS)
