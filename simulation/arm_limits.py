@@ -16,6 +16,7 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.smoother import Smoother
 from epson_driver.motion.smoother.request import ActivePlan
+from epson_driver.rtmc.known_motion import KnownMotion
 from epson_driver.sim_controller.arm.executor import Motion
 from epson_driver.sim_controller.arm.overlap import JointMoves
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint, Segment
@@ -61,6 +62,18 @@ class ArmLimits:
 
     def smoother(self, *args: Any, **named: Any) -> Smoother:
         return Smoother(*args, observer=Executed(self), **named)
+
+    def known_motion(self, *args: Any) -> KnownMotion:
+        known, executed = KnownMotion(*args), Executed(self)
+        keep = known._execution._observer  # noqa: SLF001 - nobody else needs it
+
+        def observe(start: float, motion: ActivePlan | JointMotion | None) -> None:
+            if keep is not None:
+                keep(start, motion)
+            executed(start, motion)
+
+        known._execution._observer = observe  # noqa: SLF001
+        return known
 
     def look(self, arm: Any) -> None:
         """Check the motion of the current executor, and a recovery motion that has started."""

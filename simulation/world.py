@@ -196,7 +196,7 @@ class World:
                 patch('time.time', self.system_time),
                 patch('time.monotonic', self.loop.time),
                 patch(f'{Streaming.__module__}.Smoother', self.arm_limits.smoother),
-                patch(f'{Feeder.__module__}.Smoother', self.arm_limits.smoother),
+                patch(f'{Feeder.__module__}.KnownMotion', self.arm_limits.known_motion),
                 self.bus.used(),
                 patch(f'{PlannerProcess.__module__}.start_worker', self.workers.start),
                 patch(f'{SmoothingProcess.__module__}.start_worker', self.workers.start),

@@ -127,6 +127,11 @@ class RtmcLink(Link):
         """Whether a motion is executed, during which most requests are refused."""
         return self._motion.active
 
+    def scale(self, requested: Callable[[], float]) -> Callable[[], float]:
+        """Move along all points at the requested rate, above 0. Return a function for the rate."""
+        self._motion.requested_rate = requested
+        return lambda: self._motion.rate
+
     def move(self, point: JointTrajPt, on_reply: OnReply) -> None:
         """Move to a point after all earlier points. `on_reply` is called when it is accepted."""
         self._check_connected()

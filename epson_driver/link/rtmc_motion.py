@@ -109,10 +109,16 @@ class RtmcMotion:
         self._stream: StreamFeeder | None = None  # follows a stream when it has begun
         self._problem = ''  # why the controller accepts no further target of this motion
         self._stops = 0  # number of stops so far: one during `_begin` prevents the motion
+        self.requested_rate: Callable[[], float] = lambda: 1.0  # see `Feeder`
 
     @property
     def active(self) -> bool:
         return self._task is not None
+
+    @property
+    def rate(self) -> float:
+        """Rate along the motion, or the requested rate before the motion."""
+        return self._feeder.rate if isinstance(self._feeder, Feeder) else self.requested_rate()
 
     def move(self, point: JointTrajPt, on_reply: OnReply) -> None:
         """Move to a point after all earlier points. `on_reply` is called when it is accepted."""
@@ -274,7 +280,8 @@ class RtmcMotion:
         """Send the targets of one motion, until the arm is at rest."""
         feeder: Feeder | StreamFeeder
         if stream is None:
-            feeder = Feeder(self._limits, position, self._cycle.cycle, self._session)
+            cycle, rate = self._cycle.cycle, self.requested_rate
+            feeder = Feeder(self._limits, position, cycle, self._session, rate)
         else:
             feeder = stream
             stream.begin(position, self._cycle.cycle, self._session)

@@ -5,18 +5,22 @@
 The smoother's motion is sampled into a ring of targets, from which the transport's thread takes
 one per cycle. After the targets of the motion, the ring contains targets that brake to rest. The
 thread therefore brakes the arm if the ring is not filled again, for example because the event loop
-hangs. A stop replaces the targets that are not taken yet. All targets are within the limits.
+hangs. A stop, and a change of the rate along the motion, replace the targets that are not taken
+yet. All targets are within the limits.
 """
 
 import math
-from collections import deque
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.joint_motion import fastest_stop
-from epson_driver.motion.smoother import Motion, Smoother
+from epson_driver.motion.smoother import Motion
+from epson_driver.motion.smoother.output_guard import OutputGuard
+from epson_driver.motion.time_parametrisation import TimeParametrisation
+from epson_driver.rtmc.known_motion import KnownMotion, ramp
 
 MIN_AHEAD_S, AHEAD_S = 0.15, 0.2
 """The ring is filled up to AHEAD_S when less than MIN_AHEAD_S is left, s. Longer delays of the
@@ -26,6 +30,12 @@ LOOK_AHEAD_S = 1.0
 """Points are accepted while the known motion is shorter than this, s."""
 
 MAX_POINTS_AHEAD = 1000
+
+KNOWN_S = 0.5
+"""Time for which the motion after the ring is known, so that ramps of the rate can be checked."""
+
+RAMP_SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12)
+"""Shares of the fastest ramp of the rate that are tried until one is within the limits."""
 
 STOP_TARGETS = 2
 """A stop begins after this number of targets, which the thread may take meanwhile. If it takes
@@ -49,24 +59,41 @@ class Ring(Protocol):
 class Feeder:
     """A motion from rest at `position`, shape (n,), with one target each `cycle` s.
 
-    The ring must be empty. After a stop, no further points are executed.
+    `rate()` returns the requested rate along the motion, above 0. An arm at rest starts with it.
+    A moving arm changes its rate as soon and as fast as the limits allow. The ring must be empty.
+    After a stop, no further points are executed.
     """
 
-    def __init__(self, limits: JointLimits, position: Array, cycle: float, ring: Ring) -> None:
+    def __init__(
+        self,
+        limits: JointLimits,
+        position: Array,
+        cycle: float,
+        ring: Ring,
+        rate: Callable[[], float] = lambda: 1.0,
+    ) -> None:
         self.stopped = False
         self._why = ''
         self._limits = limits
-        self._smoother = Smoother(limits, limits.settled(position))
+        self._smoother = KnownMotion(limits, limits.settled(position))
         self._cycle = cycle
         self._ring = ring
+        self._requested = rate
         self._planned = self._end = 0  # index after the last target of the motion, and of the stop
-        self._motions = deque([self._smoother.motion])  # of the last targets up to `_planned`
+        self._time = 0.0  # of the smoother, at the last target of the motion
+        self._first = 0  # first target with these times of the smoother, and their final rate
+        self._timing, self._final = ramp((0.0, rate(), 0.0), rate()), rate()
 
     @property
     def has_room(self) -> bool:
         smoother = self._smoother
         room = smoother.look_ahead < LOOK_AHEAD_S and smoother.points_ahead < MAX_POINTS_AHEAD
         return room and not (self.stopped or self.failed)
+
+    @property
+    def rate(self) -> float:
+        """Rate along the motion at the last target that was sent."""
+        return self._timing.at(max(self._ring.taken - self._first, 0) * self._cycle)[1]
 
     def append(self, position: Array, duration: float | None, *, starts: bool) -> None:
         """Append a point. `starts`: whether it is the first point of a trajectory.
@@ -79,17 +106,48 @@ class Feeder:
 
     def fill(self) -> None:
         """Sample the motion into the ring. If the driver is too late for this, stop the motion."""
-        smoother, cycle, taken = self._smoother, self._cycle, self._ring.taken
-        ahead = self._planned - taken
-        if self.stopped or not smoother.moving or ahead * cycle >= MIN_AHEAD_S:
+        smoother, cycle = self._smoother, self._cycle
+        if self.stopped or not self._goes_on:
             return
-        while len(self._motions) > max(ahead, 0) + 1:
-            self._motions.popleft()
-        motions = smoother.steps(cycle, math.ceil(AHEAD_S / cycle) - ahead)
-        if self._replace(self._planned, [motion.position for motion in motions], motions[-1]):
-            self._motions.extend(motions)
-        else:
+        lacking = self._time + AHEAD_S - smoother.now  # and more, gradually
+        lacking = max(lacking, min(lacking + KNOWN_S, AHEAD_S - MIN_AHEAD_S))
+        smoother.steps(cycle, math.ceil(lacking / cycle))
+        if self.failed:
+            return
+        self._change_rate(self._requested())
+        ahead = self._planned - self._ring.taken
+        if ahead * cycle >= MIN_AHEAD_S:
+            return
+        if not self._write(self._planned, self._timing, math.ceil(AHEAD_S / cycle) - ahead):
             self.stop(f'the driver was delayed by more than {MIN_AHEAD_S:g} s')
+
+    def _change_rate(self, rate: float) -> None:
+        """Change the rate from a target on that the thread has not taken, if the limits allow."""
+        last, lead = self._before(self._planned), STOP_TARGETS
+        if not (last.velocity.any() or last.acceleration.any()):
+            self._first, self._final = self._planned, rate
+            self._timing = ramp((self._time, rate, 0.0), rate)
+        while rate != self._final:
+            first = min(self._next(lead), self._planned)
+            timing = self._ramp(first, rate)
+            if timing is None:
+                return
+            if first == self._planned or self._write(first, timing, self._planned - first):
+                self._first, self._timing, self._final = first, timing, rate
+            lead *= 2
+
+    def _ramp(self, first: int, rate: float) -> TimeParametrisation | None:
+        """Return the fastest ramp from target `first` on that is within the limits, or None."""
+        smoother, state = self._smoother, self._timing.at((first - self._first) * self._cycle)
+        for share in RAMP_SHARES:
+            timing = ramp(state, rate, share)
+            count = math.ceil(timing.times[-2] / self._cycle) + 1
+            u, motions = smoother.sample(timing, self._cycle * np.arange(1.0, count + 1.0))
+            guard = OutputGuard(self._before(first))
+            known = u[-1] < smoother.now or not smoother.moving
+            if known and guard.allows(motions, self._cycle, self._limits):
+                return timing
+        return None
 
     @property
     def failed(self) -> str:
@@ -101,10 +159,13 @@ class Feeder:
         return '' if self._smoother.planner_error is None else 'the planner failed'
 
     @property
+    def _goes_on(self) -> bool:
+        return self._smoother.moving or self._time < self._smoother.now
+
+    @property
     def at_rest(self) -> bool:
         """Whether the motion is over, and all of its targets have been sent."""
-        planned = self._smoother.moving and not self.stopped
-        return not planned and self._ring.taken >= self._end
+        return (self.stopped or not self._goes_on) and self._ring.taken >= self._end
 
     @property
     def braking_time(self) -> float:
@@ -117,16 +178,38 @@ class Feeder:
             return
         self.stopped, self._why = True, why
         lead = STOP_TARGETS
-        while (first := self._ring.taken + lead) < self._planned:
-            if self._replace(first, [], self._motions[first - self._planned - 1]):
+        while (first := self._next(lead)) < self._planned:
+            last = self._before(first)
+            if self._replace(first, np.empty((0, len(last.position))), last):
                 return
             lead *= 2
 
-    def _replace(self, first: int, positions: list[Array], last: Motion) -> bool:
+    def _write(self, first: int, timing: TimeParametrisation, count: int) -> bool:
+        """Write `count` targets of the motion from index `first` on, or fewer if it ends."""
+        since = first - self._first if timing is self._timing else 0
+        times = self._cycle * np.arange(since + 1.0, since + count + 1.0)
+        u, motions = self._smoother.sample(timing, times)
+        count = int(u.searchsorted(self._smoother.now)) + 1
+        motions = Motion(*(part[:count] for part in motions))
+        if not self._replace(first, motions.position, Motion(*(part[-1] for part in motions))):
+            return False
+        self._time = float(u[:count][-1])
+        return True
+
+    def _next(self, lead: int) -> int:
+        """Return the first target that can be replaced. `lead`: targets that may be taken."""
+        return max(self._ring.taken + lead, self._first)
+
+    def _before(self, index: int) -> Motion:
+        """Return the motion at the target before index `index`, which is not below `_first`."""
+        time = np.array([(index - self._first) * self._cycle])
+        return Motion(*(part[0] for part in self._smoother.sample(self._timing, time)[1]))
+
+    def _replace(self, first: int, positions: Array, last: Motion) -> bool:
         stop = fastest_stop(self._limits, last)
         count = int(np.ceil(stop.duration / self._cycle))
         times: Array = self._cycle * np.arange(1.0, count + 1.0)
-        targets = np.array([*positions, *stop.positions(times)])
+        targets = np.concatenate([positions, stop.positions(times)])
         if not self._ring.replace(first, targets, len(positions)):
             return False
         self._planned, self._end = first + len(positions), first + len(targets)

@@ -43,8 +43,13 @@ def controller():
     result.transport.close()
 
 
-def feeder(controller, points=((0.9, 0.4), (0.2, -0.4), (0.5, 0.3)), duration=0.4):
-    result = Feeder(LIMITS, np.zeros(6), CYCLE, controller.ring)
+def feeder(
+    controller,
+    points=((0.9, 0.4), (0.2, -0.4), (0.5, 0.3)),
+    duration=0.4,
+    rate=lambda: 1.0,
+):
+    result = Feeder(LIMITS, np.zeros(6), CYCLE, controller.ring, rate)
     for index, point in enumerate(points):
         result.append(np.array([*point, 0.0, 0.0, 0.0, 0.0]), duration, starts=index == 0)
     return result
@@ -109,6 +114,35 @@ def test_inv3_stop_is_exact_whatever_the_thread_takes_meanwhile(controller, coun
     targets += until_rest(source, controller)
     assert max(usage(targets, LIMITS)) <= ROUNDING
     assert np.array_equal(targets[-1], targets[-2])
+
+
+@pytest.mark.invariant(2, 10)
+@pytest.mark.parametrize('seed', range(6))
+@pytest.mark.parametrize('stopped', [False, True])
+def test_inv2_rate_may_change_at_any_target_of_a_fast_motion(controller, seed, stopped):
+    rng, rates = np.random.default_rng(seed), [1.0]
+    points = np.clip(np.cumsum(rng.uniform(-0.4, 0.4, (40, 2)), axis=0), -1.0, 1.0)
+    source = feeder(controller, points, duration=0.1, rate=lambda: rates[-1])
+    replace = controller.ring.replace
+
+    def late(*arguments):
+        targets.extend(controller.next_target() for _ in range(rng.integers(4)))
+        return replace(*arguments)
+
+    controller.ring.replace = late
+    targets, reached = [np.zeros(6)], 0
+    while not source.at_rest and not (stopped and len(targets) > 1500):
+        source.fill()
+        if rng.random() < 0.1:
+            rates.append(rng.choice([0.05, 0.3, 0.7, 1.0]))
+        targets += [controller.next_target() for _ in range(5)]
+        reached += rates[-1] < 1.0 and source.rate == rates[-1]
+    source.stop()
+    targets += until_rest(source, controller)
+    assert max(usage(targets, LIMITS)) <= ROUNDING
+    assert reached > 20
+    assert not source.failed
+    assert stopped or targets[-1][:2] == pytest.approx(points[-1])
 
 
 @pytest.mark.invariant(9)

@@ -117,6 +117,13 @@ class Delivery(ABC):
         self._mapping = mapping
         self._rules = rules
 
+    def scale(self, requested: Callable[[], float]) -> Callable[[], float] | None:
+        """Execute trajectories at the requested speed factor, above 0, even after their points.
+
+        Return a function for the actual factor. None: the points must be slower instead.
+        """
+        return None
+
     @abstractmethod
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return the messages for a checked trajectory. `start`: the arm's position, (n,), rad."""

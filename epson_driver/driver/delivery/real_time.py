@@ -6,6 +6,7 @@ The setpoints of a stream are not sent as messages. The tracker of the stream (S
 the targets.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply
@@ -35,6 +36,9 @@ class RealTimeDelivery(Streaming):
         self._rtmc.load = None
         if load is not None:
             self._rtmc.load = load.mass, load.inertia, round(load.eccentricity * MM_PER_M)
+
+    def scale(self, requested: Callable[[], float]) -> Callable[[], float]:
+        return self._rtmc.scale(requested)
 
     def tracker(self, limits: JointLimits, start: Array) -> SetpointTracker:
         return StreamFeeder(limits, start, self._rtmc.follow_stream)

@@ -30,7 +30,7 @@ from epson_driver.driver.goal.planning_cancellation import (
     PlanningCancellation,
     PlanningCancellations,
 )
-from epson_driver.driver.goal.reference import SpeedScaling, Timing, TimingMonitor
+from epson_driver.driver.goal.reference import MIN_FACTOR, SpeedScaling, Timing, TimingMonitor
 from epson_driver.driver.inhibit import Cause, Inhibit, Purpose
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.smoothing import SmoothingError, SmoothingProcess
@@ -97,6 +97,7 @@ class GoalQueue:
         self._timing_monitor = TimingMonitor(configuration.delivery, limits)
         self.start_tolerance = 0.02
         self.scaling = SpeedScaling(by_velocity=self._timing_monitor.by_velocity)
+        self.scaling.actual = stopper.delivery.scale(lambda: self.scaling.target or MIN_FACTOR)
         self.unsmoothed = 0  # goals without a smooth motion within the limits
         self.last_timing: Timing | None = None  # of the last goal that succeeded
         self.other_speed = 0  # number of goals that were executed at another speed than planned

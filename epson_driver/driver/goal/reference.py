@@ -8,7 +8,8 @@ Rules for the clock of a plan:
    each point falls behind the plan.
 2. A segment runs at the speed factor with which its last point was sent. A later change of the
    factor does not affect points that the controller has acknowledged. Segments that have not been
-   sent run at the current factor.
+   sent run at the current factor. On a controller that scales all of its motion (`actual`), every
+   segment runs at the factor of the arm.
 3. The clock stops while the controller is paused, and when the goal is stopped or paused.
 
 After a pause the arm is not at a planned point, and no controller reports how much of the plan it
@@ -23,6 +24,7 @@ has done so. Its times are plan times, which pauses and speed scaling do not cha
 
 import math
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -52,6 +54,7 @@ class SpeedScaling:
         self._from = 1.0
         self._target = 1.0
         self._since = -math.inf
+        self.actual: Callable[[], float] | None = None  # see `Delivery.scale`
 
     @property
     def target(self) -> float:
@@ -79,6 +82,10 @@ class SpeedScaling:
         if done >= abs(change):
             return self._target
         return self._from + (done if change > 0.0 else -done)
+
+    def rate(self, now: float) -> float:
+        """Return the factor at which the arm moves along a plan, outside the points sent."""
+        return self.factor(now) if self.actual is None else self.actual()
 
     def least(self, message: Message) -> float:
         """Return the minimum speed factor of a point, at which its velocity is MIN_VELOCITY."""
@@ -174,7 +181,7 @@ class GoalClock:
         while remaining > 0.0:
             segment = int(np.searchsorted(self._times, self.time, side='right'))
             if segment >= len(self._factors):
-                self.rate = self._scaling.factor(now)
+                self.rate = self._scaling.rate(now)
                 self.time += remaining * self.rate
                 return
             self.rate = self._factors[segment]
@@ -221,7 +228,7 @@ class PointSchedule:
         return max(self._times[index] - self.clock.time, 0.0)
 
     def message(self, index: int, now: float) -> Message:
-        """Return the message of point `index`, scaled to the speed factor.
+        """Return the message of point `index`, scaled to the speed factor if the arm is not.
 
         Must be called in the order of sending.
         """
@@ -234,9 +241,10 @@ class PointSchedule:
         duration = planned / factor
         self._sent_until = start + duration
         self._delay += duration - planned
-        message = scaled(message, factor, self._delay)
+        if self._scaling.actual is None:
+            message = scaled(message, factor, self._delay)
+            self.clock.sent(factor)
         self.duration = max(duration, getattr(message, 'duration', 0.0))
-        self.clock.sent(factor)
         return message
 
 

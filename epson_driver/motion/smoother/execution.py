@@ -64,12 +64,6 @@ class Execution:
         q, first, second = self.plan.path.at(u)
         return Motion(q, first * v, first * a + second * (v * v))
 
-    def along(self, plan: ActivePlan, times: Array) -> Motion:
-        """Return the motion at m times within an executed plan, shapes (m, n)."""
-        u, v, a, _ = (part[:, None] for part in plan.timing.sample(times - plan.start))
-        q, first, second, _ = plan.path.sample(u[:, 0])
-        return Motion(q, first * v, first * a + second * (v * v))
-
     @property
     def in_motion(self) -> bool:
         """Whether the arm moves, or rests on the path.

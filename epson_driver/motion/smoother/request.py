@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.limit_usage import LimitUsage, limit_usage
+from epson_driver.motion.smoother.output_guard import Motion
 from epson_driver.motion.smoother.path import Knots, Path
 from epson_driver.motion.smoother.waypoints import Waypoint
 from epson_driver.motion.time_parametrisation import State, TimeParametrisation
@@ -112,6 +113,12 @@ class ActivePlan:
         return last.rest is not None and bool(
             np.all(last.position == self.path.knots.position[-1])
         )
+
+    def along(self, times: Array) -> Motion:
+        """Return the motion at m times during its execution, shapes (m, n)."""
+        u, v, a, _ = (part[:, None] for part in self.timing.sample(times - self.start))
+        q, first, second, _ = self.path.sample(u[:, 0])
+        return Motion(q, first * v, first * a + second * (v * v))
 
     def clock(self, time: float) -> float:
         """Return the time at which the position at `time` should be reached, s (see `clocks`)."""

@@ -139,7 +139,7 @@ class Smoother:
             times = times[times < execution.next_change()]
             if execution.plan is None or execution.paused or not len(times):
                 continue
-            batch = execution.along(execution.plan, times)
+            batch = execution.plan.along(times)
             if self._guard.allows(batch, dt, self.limits):  # otherwise the next step brakes
                 execution.pass_time(float(times[-1]))
                 motions += map(Motion, *batch)
