@@ -207,7 +207,7 @@ struct Peer : DataReaderListener, DataWriterListener {
     try {
       while (!closing) {
         const bool unread = reader->wait_for_unread_message({0, 20000000});
-        if (unread && !matched_readers) {  // the first request may arrive before it can be answered
+        if (unread && !matched()) {  // the first request may arrive before it can be answered
           std::this_thread::sleep_for(std::chrono::milliseconds(1));
           continue;
         }
