@@ -18,7 +18,7 @@ from epson_driver.driver.smoothing import Smoothing
 from epson_driver.motion import Trajectory, smooth
 from epson_driver.setup.setup import make_setup
 
-PROFILES = ('simulated', 'generic', 'motoman', 'spel')
+PROFILES = ('simulated', 'generic', 'motoman', 'rtmc', 'spel')
 SPEEDS = (1.0, 0.5)
 SPACINGS_S = (0.05, 0.1)
 PLANS = 3
