@@ -48,11 +48,11 @@ importing that would load the smoother."""
 
 
 def check_tolerance(smoothing: Smoothing) -> None:
-    keeps_times = smoothing.resample_period is not None and not smoothing.time_optimal
-    if smoothing.tolerance and not (keeps_times and smoothing.tolerance >= MIN_TOLERANCE):
+    used = smoothing.wanted and not smoothing.own_points
+    if smoothing.tolerance and not (used and smoothing.tolerance >= MIN_TOLERANCE):
         raise ValueError(
             f'{smoothing.tolerance:g} rad: must be 0, or {MIN_TOLERANCE:g} or more with '
-            'smoothing = resample or thin, and timing = as_planned'
+            'smoothing = resample or thin, or timing = time_optimal'
         )
 
 

@@ -34,7 +34,7 @@ def smoothed_trajectory(
     if smoothing.time_optimal:
         found = None
         if not smoothing.own_points:
-            found = time_optimal(trajectory, limits, smoothing.longest)
+            found = time_optimal(trajectory, limits, smoothing.longest, smoothing.tolerance)
             remark = ON_SPLINE if found is None else ''
         trajectory = found or retimed(trajectory, limits, smoothing.longest)
     if smoothing.resample_period is None:

@@ -254,16 +254,18 @@ def time_optimal(
     trajectory: Trajectory,
     limits: JointLimits,
     longest: float = np.inf,
+    tolerance: float = 0.0,
     checkpoint: Callable[[], None] = lambda: None,
 ) -> Trajectory | None:
     """Return points, with velocities, of the fastest motion through a trajectory's points.
 
     The cubic spline of time through the returned points is this motion. It takes SPARE_RATIO times
-    as long as possible, because otherwise the arm could not brake on its path. It leaves the lines
-    between the given points at most as far as the smoother's spline does. Given points that do not
-    bend the path are skipped (`corners`). The returned points are at most `longest` s apart. The
-    result is None if `fastest` finds no motion. Raises the errors of `smoothed`. `checkpoint` is
-    called during the search, and may raise to cancel.
+    as long as possible, because otherwise the arm could not brake on its path. It passes the given
+    points within `tolerance`, rad (or m), in each joint. It leaves the lines between them at most
+    `tolerance` farther than the smoother's spline does. Given points that do not bend the path are
+    skipped (`corners`). The returned points are at most `longest` s apart. The result is None if
+    `fastest` finds no motion. Raises the errors of `smoothed`. `checkpoint` is called during the
+    search, and may raise to cancel.
     """
     trajectory = trajectory.in_order(limits.names)
     waypoints = _merged(trajectory, limits)
@@ -272,7 +274,12 @@ def time_optimal(
     if len(waypoints) <= MIN_SEGMENTS:
         return retimed(trajectory, limits, longest)
     motion = fastest(
-        waypoints, limits, bend_ratio=BEND_SHARE, interval_share=1.0, checkpoint=checkpoint
+        waypoints,
+        limits,
+        tolerance,
+        bend_ratio=BEND_SHARE,
+        interval_share=1.0,
+        checkpoint=checkpoint,
     )
     if motion is None:
         return None

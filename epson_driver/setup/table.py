@@ -210,8 +210,9 @@ TABLE = (
     Row(
         'smoothing_tolerance',
         0.0,
-        'With smoothing resample or thin: maximum deviation of each joint from the waypoints, at '
-        'least 0.001, to remove the noise of a recording (0: exactly through the waypoints).',
+        'With smoothing resample or thin, or timing time_optimal: maximum deviation of each joint '
+        'from the waypoints, at least 0.001 (0: exactly through them). It removes the noise of a '
+        'recording, or makes a time-optimal motion faster.',
         0.0,
         0.5,
         unit='rad, m',

@@ -110,6 +110,14 @@ def test_tolerance_removes_the_noise_of_a_recording(thin):
     assert passed(recorded.positions, motion)[0].max() < 1e-3 + lines
 
 
+def test_tolerance_shortens_a_time_optimal_motion():
+    corner = START + np.array([[0, 0], [0.3, 0], [0.3, 0.3], [0.6, 0.3]]) @ np.eye(2, len(START))
+    plan = Trajectory(LIMITS.names, np.arange(4.0), corner)
+    exact, free = (smooth(plan, Smoothing(time_optimal=True, tolerance=t)) for t in (0.0, 0.02))
+    assert free.duration < 0.97 * exact.duration
+    assert passed(corner, smoothed_module.smoothed(free, LIMITS))[0].max() < 0.02
+
+
 @pytest.mark.parametrize(
     ('smoothing', 'words'),
     [
@@ -118,10 +126,11 @@ def test_tolerance_removes_the_noise_of_a_recording(thin):
         (Smoothing(time_optimal=True), None),
         (Smoothing(0.05, tolerance=0.99 * MIN_TOLERANCE), '0.00099 rad: must be 0, or 0.001'),
         (Smoothing(tolerance=1e-3), 'with smoothing = resample or thin'),
-        (Smoothing(0.05, True, tolerance=1e-3), 'and timing = as_planned'),
+        (Smoothing(0.05, True, tolerance=1e-3), None),
+        (Smoothing(time_optimal=True, own_points=True, tolerance=1e-3), 'or timing = time_opt'),
     ],
 )
-def test_tolerance_is_refused_unless_smoothing_keeps_the_planned_times(smoothing, words):
+def test_tolerance_is_refused_unless_the_motion_is_smoothed(smoothing, words):
     if words is None:
         check_tolerance(smoothing)
         return
