@@ -227,7 +227,7 @@ def test_line_too_fast_for_a_joint_is_slowed_or_rejected(arm):
     ('speed', 'acceleration', 'mm'),
     one_in(
         4,
-        [(2.0, 10.0, 0.145), (1.0, 5.0, 0.095), (0.3, 2.0, 0.022), (0.1, 1.0, 0.0035)],
+        [(2.0, 10.0, 0.155), (1.0, 5.0, 0.095), (0.3, 2.0, 0.022), (0.1, 1.0, 0.0035)],
         several=True,
     ),
 )

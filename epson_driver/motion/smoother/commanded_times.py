@@ -30,6 +30,9 @@ CATCH_UP_RATIO = 1.25
 MAX_CATCH_UP_RATIO = 6.0
 """Maximum ratio of the speed to the commanded speed, used if the motion would end late."""
 
+MAX_RAMP_SHARE = 0.9
+"""Maximum speed in a ramp at a plan's end, as a fraction of the plan's highest speed."""
+
 LATER_SHARE, LATER_AT_REST_SHARE = 0.3, 0.5
 """Delays of a plan relative to its speed profile, which ignores the jerk limits: after a start
 from rest, and before the end at rest. The unit is the ratio of the acceleration limit to the jerk
@@ -48,11 +51,8 @@ A plan is slower than the profile, so it takes about the whole horizon.
 
 def within_horizon(
     request: Request, path: Path, limits: JointLimits, effort: Effort
-) -> tuple[Problem, SpeedBounds, Array | float]:
-    """Shorten a path to the planning horizon. Return its problem and speed bounds.
-
-    Also return the factor of the commanded speed, one per knot.
-    """
+) -> tuple[Problem, SpeedBounds]:
+    """Shorten a path to the planning horizon. Return its problem and its speed bounds."""
     effort.spend(OUTSET_US)
     factor: Array | float = min(CATCH_UP_RATIO, request.catch_up)
     problem = problem_of(request, path, limits, factor, effort)
@@ -74,13 +74,32 @@ def within_horizon(
     elif cut:
         problem = problem_of(request, path, limits, 1.0, effort)
         bounds = SpeedBounds(problem)
-    return problem, bounds, factor
+    return problem, bounds
 
 
 def commanded_duration(request: Request, path: Path) -> float:
     """Return the time from the state to the commanded time of the end of the path, s."""
     now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
     return float(end - now) - request.lag
+
+
+def highest_speeds(request: Request, path: Path, limits: JointLimits) -> Array:
+    """Return the highest u̇ at the places of the commanded speeds, shape (m,).
+
+    The fastest joint is then at most as fast there, relative to its limit, as the plan's fastest
+    joint anywhere. This does not apply to a plan without a ramp at an end, because a motion that
+    takes its time must be faster.
+    """
+    commanded = _commanded(request, path, 1.0)
+    assert commanded is not None  # noqa: S101 - for the type checker
+    places, speeds = commanded[0], np.sqrt(commanded[1])
+    fastest = Problem(path, request.state, limits).fastest(path.sample(places)[1])
+    shares = np.minimum(speeds, fastest) / fastest
+    highest: Array = min(MAX_CATCH_UP_RATIO, request.catch_up) * speeds
+    ends = shares[-1:] if request.state[1] else shares[[0, -1]]
+    if ends.max() <= MAX_RAMP_SHARE * shares.max():
+        highest = np.minimum(shares.max() * fastest, highest)
+    return highest
 
 
 def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedProfile) -> Array:

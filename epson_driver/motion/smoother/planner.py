@@ -13,8 +13,8 @@ import numpy as np
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import optimal, ruckig_move
 from epson_driver.motion.smoother.commanded_times import (
-    MAX_CATCH_UP_RATIO,
     commanded_duration,
+    highest_speeds,
     problem_of,
     stopping_time,
     within_horizon,
@@ -231,25 +231,29 @@ def _fresh(
     ramp_time: float = optimal.MAX_RAMP_TIME_S,
 ) -> Plan | None:
     """Return a plan that does not depend on the current plan's timing, or None."""
-    problem, bounds, factor = within_horizon(request, first, limits, effort)
+    problem, bounds = within_horizon(request, first, limits, effort)
     timing = optimal.propose(problem, bounds, ramp_time)
-    if timing is not None and request.ends and problem.path is first and problem.commanded:
-        timing = _ending_in_time(request, problem, factor, timing, ramp_time)
-    return None if timing is None else Plan(request.start, problem.path.knots, timing, OPTIMAL)
+    path, commanded = problem.path, problem.commanded
+    ends = request.ends and len(path.knots.u) == len(first.knots.u)
+    if timing is not None and ends and commanded is not None:
+        timing = _ending_in_time(request, problem, commanded, timing, ramp_time)
+    return None if timing is None else Plan(request.start, path.knots, timing, OPTIMAL)
 
 
 def _ending_in_time(
     request: Request,
     problem: Problem,
-    factor: Array | float,
+    commanded: tuple[Array, Array],
     timing: TimeParametrisation,
     ramp_time: float,
 ) -> TimeParametrisation:
     """Return a timing that ends nearer to the commanded time than `timing`, or `timing`.
 
-    The commanded speed, multiplied by `factor`, is multiplied by another ratio for this.
+    All commanded speeds are multiplied by a ratio for this, up to `highest_speeds`.
     """
     left = commanded_duration(request, problem.path)
+    places, squares = commanded
+    highest = highest_speeds(request, problem.path, problem.limits)
     tried = [(0.0, timing.duration, timing)]  # logarithm of the ratio, duration, timing
     for _ in range(MAX_END_ROUNDS):
         exponent, duration, _ = tried[-1]
@@ -261,8 +265,8 @@ def _ending_in_time(
             if (slope := np.log(duration / previous) / (exponent - before)) > MIN_END_SLOPE:
                 break  # the limits determine the duration
         exponent += float(np.log(left / duration)) / slope
-        ratios = np.minimum(np.exp(exponent) * factor, min(MAX_CATCH_UP_RATIO, request.catch_up))
-        changed = problem_of(request, problem.path, problem.limits, ratios, problem.effort)
+        speeds = np.minimum(np.exp(exponent) * np.sqrt(squares), highest)
+        changed = dataclasses.replace(problem, commanded=(places, speeds**2))
         found = optimal.propose(changed, SpeedBounds(changed), ramp_time)
         if found is None:
             break
@@ -294,7 +298,7 @@ def _branch(request: Request, fraction: float, limits: JointLimits, effort: Effo
         lag=request.lag + first - float(clock[1] - clock[0]),
         horizon=BRANCH_HORIZON_SHARE * request.horizon,
     )
-    problem, bounds, _ = within_horizon(later, path, limits, effort)
+    problem, bounds = within_horizon(later, path, limits, effort)
     timing = optimal.propose(problem, bounds, tolerance=BRANCH_TOLERANCE)
     if timing is not None:
         timing = head.then(timing)
@@ -306,7 +310,7 @@ def _branch(request: Request, fraction: float, limits: JointLimits, effort: Effo
 def _simple(request: Request, first: Path, limits: JointLimits) -> Plan | None:
     """Return a plan of a single move along the path, which may be slow, or None."""
     effort = Effort(URGENT_SHARE * MAX_EFFORT_US)
-    problem, _, _ = within_horizon(request, first, limits, effort)
+    problem, _ = within_horizon(request, first, limits, effort)
     timing = ruckig_move.propose(problem)
     return None if timing is None else Plan(request.start, problem.path.knots, timing, 'simple')
 
