@@ -233,6 +233,16 @@ def test_address_for_other_machines_has_a_token(tmp_path: Path) -> None:
         assert panel.end() == 0
 
 
+def refused_to_arm(client: PanelClient) -> None:
+    """Click until the panel knows the robot and asks for --allow-motion. It never arms."""
+    while not any('--allow-motion' in notification for notification in client.notifications):
+        client.notifications.clear()
+        client.click('Arm')
+        client.wait(lambda: client.notifications or client.armed, 'an answer')
+        assert not client.armed
+        time.sleep(0.2)
+
+
 @pytest.mark.invariant(1)
 def test_real_robot_requires_allow_motion(tmp_path: Path) -> None:
     """A robot without a remote port is not known to be simulated."""
@@ -246,9 +256,7 @@ def test_real_robot_requires_allow_motion(tmp_path: Path) -> None:
             panels.append(PanelProcess(folder, cell.domain, *arguments))
         default_panel, motion_panel = panels
         with default_panel.window() as client:
-            client.click('Arm')
-            client.wait_for_notification('--allow-motion')
-            assert not client.armed
+            refused_to_arm(client)
             assert not client.parts['controls']['simulated']
             client.wait_for_lamp('Door', 'unknown')
         with motion_panel.window() as client:
@@ -271,14 +279,7 @@ def test_restarted_driver_is_queried_again_before_arming(tmp_path: Path) -> None
                 client.wait(lambda: not client.armed, 'disarmed')
                 cell._parameters |= {'remote_port': 0}  # like a real controller
                 cell.restart_client()
-                while not any(
-                    '--allow-motion' in notification for notification in client.notifications
-                ):
-                    client.notifications.clear()
-                    client.click('Arm')
-                    client.wait(lambda: client.notifications or client.armed, 'an answer')
-                    assert not client.armed
-                    time.sleep(0.2)
+                refused_to_arm(client)
                 client.wait_for_lamp('Link', 'good')
                 client.wait_for_lamp('Door', 'unknown')
         finally:

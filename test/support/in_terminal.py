@@ -13,6 +13,7 @@ import sys
 if __name__ == '__main__':
     child, terminal = pty.fork()
     if not child:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup ignores it
         os.execvp(sys.argv[1], sys.argv[1:])
     signal.signal(signal.SIGUSR1, lambda *_: os.close(terminal))
     try:
